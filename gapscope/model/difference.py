@@ -321,7 +321,7 @@ class Search:
         """
         self._linearise(1, torque)
         self._prepare()
-        fit = self._fit(list(known), known, {})
+        fit = self.with_some(list(known), known)
         one, gain = self._most_promising(fit)
         # form error that is larger may explain it
         if one is not None and gain <= self._larger_error(fit)[1]:
@@ -334,6 +334,18 @@ class Search:
         if one is None:
             return fit, None
         return fit, self._fit((*fit.chosen, one), fit.values, {})
+
+    def with_some(
+        self, chosen: Sequence[Candidate], values: Mapping[Candidate, np.ndarray]
+    ) -> Fit:
+        """The hypothesis with some candidates, less those whose values cannot be, about known values."""
+        while True:
+            found = self._fit(chosen, values, {})
+            weigh = self._weigher(found.own)
+            kept = [one for one in found.mine if weigh.can_be(one, found.answer)]
+            if len(kept) == len(found.mine):
+                return found
+            chosen = kept
 
     def needed(self, fit: Fit) -> Fit:
         """The hypothesis without what makes it no better, one after the other."""

@@ -312,16 +312,6 @@ class SheetSearch(Search):
         self._prepared(fit.torque)
         return self._fit(fit.mine, fit.values, {})
 
-    def with_some(self, chosen: Sequence[Candidate], values: Values) -> Fit:
-        """The hypothesis with some candidates, less those whose values cannot be, about known values."""
-        while True:
-            found = self._fit(chosen, values, {})
-            weigh = self._weigher(found.own)
-            kept = [one for one in found.mine if weigh.can_be(one, found.answer)]
-            if len(kept) == len(found.mine):
-                return found
-            chosen = kept
-
     def _prepared(self, torque: np.ndarray | float) -> None:
         """Noise, form error and columns beside what is known."""
         first = self._wide is None
