@@ -182,18 +182,22 @@ class _Spans:
         learnt: Learnt | None = None,
     ) -> None:
         self.learnt = learnt
+        # ends outside, or between the same two rows, would make spans without rows
         kept = [
             _between(rows.t[rows.recording == number], some)
             for number, some in enumerate(ends)
         ]
         self.ends = [np.array([-np.inf, *some, np.inf]) for some in kept]
+        # groups are numbered through all recordings: the first one of each of them
         first = np.cumsum([0, *(len(some) + 1 for some in kept)]).tolist()
         self.groups = [list(range(a, b)) for a, b in pairwise(first)]
         group, left_out = rows.group.copy(), np.zeros(len(rows.group), dtype=bool)
         smeared = SMEARED / rows.cutoff
+        # span k of a recording lies between ends k and k + 1, the outer two at infinity
         for number, some in enumerate(kept):
             mine = rows.recording == number
             group[mine] = first[number] + np.searchsorted(some, rows.t[mine])
+            # a filter smears what changes: about the ends of a mere grid rows may stay
             for end in some if moments is None else moments[number]:
                 left_out |= mine & (np.abs(rows.t - end) < smeared)
         self.rows = rows.regrouped(group, parts, left_out)
@@ -204,6 +208,7 @@ class _Spans:
         """The search for what sets of spans have of their own, of ``asked`` that there might be."""
         every = tuple(range(self.groups[-1][-1] + 1))
         if self.learnt is None:
+            # all spans are of one day and teach noise: what changes lies between them
             terms = Terms(arm.arm.n_joints, {}, arm.arm.coupled_motors)
             return Search(
                 self.rows,
@@ -214,8 +219,10 @@ class _Spans:
                 every,
                 asked,
                 passing=[some for some in sets if self._passes(some)],
+                # forces as if they acted all along: the spans that have one say when
                 found={t: Found(acts, (), 0.0) for t, acts in terms.forces.items()},
             )
+        # only what was learnt teaches; what is now shares a friction of its own
         told, now = tuple(self.groups[0]), tuple(self.groups[1])
         # what another arm leaves is another matter
         taught = self.learnt.taught if arm is self.learnt.about else None
@@ -241,6 +248,7 @@ class _Spans:
             known: per recording the times of moments [s]: rows that begin and end elsewhere are left out.
         """
         if self.learnt is not None:
+            # what a stream has it has until now: each set ends with the last span
             now = self.groups[1]
             return [tuple(now[k:]) for k in range(len(now))]
         out = []
@@ -248,8 +256,10 @@ class _Spans:
             ends = self.ends[number]
             for row in in_a_row(len(some)):
                 sides = {float(ends[row[0]]), float(ends[row[-1] + 1])}
+                # one further moment at a time: with neither end known there are two
                 if known is None or sides & {-np.inf, np.inf, *known[number]}:
                     out.append(tuple(some[k] for k in row))
+            # all of a recording is one more state, if there are others to tell it from
             if len(self.groups) > 1:
                 out.append(tuple(some))
         return out
@@ -275,6 +285,7 @@ class _Spans:
         number, *times = place
         ends, groups = self.ends[number], np.array(self.groups[number])
         within = ends[1:-1]
+        # the grid moves from look to look: a time stands for the nearest end
         start, end = (
             float(within[np.argmin(np.abs(within - t))]) if np.isfinite(t) else t
             for t in times
@@ -288,6 +299,7 @@ class _Spans:
         moments = iter(self.moments(fit, one))
         begins = next(moments).time if np.isfinite(start) else start
         ends = next(moments).time if np.isfinite(end) else end
+        # moments that swap leave nothing between them: the ends of the spans stand
         return (number, begins, ends) if begins < ends else (number, start, end)
 
     def moments(self, fit: Fit, one: Candidate) -> list[Moment]:
@@ -299,6 +311,7 @@ class _Spans:
         if self.learnt is not None and np.isinf(start):
             learnt = self.rows.recording == 0
             first = float(self.rows.t[~learnt].min())
+            # clocks may overlap: an interval does not begin after its end
             since = min(float(self.rows.t[learnt].max()), first)
             return [Moment(first, (since, first))]
         return [
@@ -314,18 +327,22 @@ class _Spans:
         rows, made, values = self.rows, fit.contrast.design, fit.answer.values
         left = fit.left
         moved = made.torque(one.term, values[one])
+        # as if the candidate were not there
         without = left + moved * np.isin(rows.group, one.groups or ())[:, None]
         variance = fit.contrast.error.noise2 + (left**2).mean(axis=0)
         ends = self.ends[number]
         k = int(np.argmin(np.abs(ends - time)))
+        # the two spans about this end alone: at others something else may change
         here = (rows.t > ends[k - 1]) & (rows.t <= ends[k + 1])
         mine = np.flatnonzero((rows.recording == number) & here)
+        # half the squares of each row in nats, without the change and with it
         off, on = (
             (r[mine] ** 2 / variance).sum(axis=1) / 2
             for r in (without, without - moved)
         )
         # between two rows: each side has some
         cost = np.cumsum(off - on if begins else on - off)[:-1]
+        # less the least, so that one of them is 1 however long the recording is
         likely = np.exp(cost.min() - cost)
         total = np.cumsum(likely) / likely.sum()
         t = rows.t[mine]
@@ -351,6 +368,7 @@ def changes_of(
     given = comparable(recordings)
     if not given:
         return Changes((), None)
+    # a slip says itself when and how far: a filter would smear it over its neighbours
     recordings = [without_slips(one) for one in given]
     rows = Rows.recorded([[recording] for recording in recordings])
     # what whole recordings have of their own is told first, and then what it goes with
@@ -422,16 +440,20 @@ def changes_since(
         known: what is known to have changed, since when [s], and about by how much.
         learnt: beside what, and how rarely something may be named that is none.
     """
+    # recording 1 is what is now, and what has changed lasts until its end
     given = {(term, (1, t, np.inf)): value for (term, t), value in known.items()}
     odds = float(np.log(learnt.asked))
     told = _by_torque(rows, learnt.about, given, learnt)
     if told.found is None:
+        # no term: form error that is larger from some motion on is news by itself
         gain, joint, group = told.looked.unknown_since(told.fit)
         if gain <= odds:
             return Since(told.fit)
         since = float(rows.t[told.spans.rows.group == group].min())
+        # what looks unknown may be noise that grew: both are told
         louder = _louder(told.fit, odds)
         return Since(told.fit, unknown={joint + 1: since}, louder=louder)
+    # a stream has one clock, and nobody asks where a term moves what
     changes = _changes(told, [("", 0.0)] * 2, lambda made, term: {})
     steps = {
         (one.term, told.when[one][0].time): value
@@ -453,16 +475,20 @@ def _louder(fit: Fit, odds: float) -> dict[int, tuple[float, float]]:
     beside = Equations.of(replace(contrast.design, gap=gap))
     for j in range(len(beside.cells)):
         begin, level = noise_of_motions(beside, j)
+        # of variances: the logarithm of an RMS is half as large
         level, count = np.log(level), len(level)
         best = 0.0
+        # from the first motion of now on, so that two are left at least
         for first in range(
             int((begin < len(rows.t[rows.recording == 0])).sum()), count - 1
         ):
             then, now = level[:first], level[first:]
             growth = now.mean() - then.mean()
             within = ((then - then.mean()) ** 2).sum() + ((now - now.mean()) ** 2).sum()
+            # parted over within is t^2 / (N - 2)
             parted = growth**2 * len(then) * len(now) / count
             evidence = count / 2 * float(np.log1p(parted / max(within, TINY)))
+            # twice the RMS at least, as form error has to grow to be unknown
             if growth >= np.log(GROWTHS[0]) and evidence > max(best, odds):
                 best = evidence
                 out[j + 1] = float(np.exp(growth / 2)), float(rows.t[begin[first]])
@@ -495,6 +521,7 @@ def _slipped(
             term=term,
             value=np.array([slip.size]),
             deviation=np.array([slip.error]),
+            # the reading says so itself: no other hypothesis competes
             probability=1.0,
             support=abs(slip.size) / (STANDS_OUT * slip.error),
             columns=_moved_by(made, term, recordings),
@@ -541,7 +568,9 @@ def _by_torque(
     """
     count = int(rows.recording.max()) + 1
     times = [rows.t[rows.recording == k] for k in range(count)]
+    # spans of as many rows each, since a log with gaps has some without any
     grid = [np.quantile(t, np.arange(1, SPANS) / SPANS) for t in times]
+    # nothing changes in what was learnt
     if learnt is not None:
         grid[0] = np.zeros(0)
     torque: np.ndarray | float = 0.0
@@ -550,10 +579,12 @@ def _by_torque(
     before, left = _ends(known, count), MAX_MOMENTS
     between: Difference | None = None
     while True:
+        # look: the grid with the moments known, and what promises most beside them
         ends = _ends(mine, count)
         looked = _Spans(rows, list(map(_apart, grid, ends)), PARTS, before, learnt)
         sets = looked.sets(ends)
         there = {looked.candidate(*key): value for key, value in mine.items()}
+        # the odds of one set are shared by all that are looked at
         search = looked.search(about, sets, len(sets))
         fit, step = search.step(there, torque)
         if step is None and learnt is None:
@@ -570,6 +601,7 @@ def _by_torque(
             if between is not None and between.fit.mine:
                 mine = {
                     (one.term, (group, -np.inf, np.inf)): value
+                    # as of each whole recording by itself: moments join beside that
                     for one, value in between.fit.values.items()
                     for group in one.groups or ()
                 }
@@ -583,14 +615,17 @@ def _by_torque(
             )
             if vain:
                 return told
+        # the next look is about what predicts best beside all that
         about, torque = search.moved_by(step or fit), fit.torque
         if step is not None and left:
             left, new, torque = left - 1, True, step.torque
+            # one more moment moves the others: all are taken from the torque again
             mine = {
                 (one.term, looked.refined(step, one)): value
                 for one, value in step.values.items()
             }
             continue
+        # recordings differ as a whole, but nothing changes during one
         if not mine or (learnt is None and not any(_ends(mine, count))):
             return told
         # all of them at once, against what they may be taken for
@@ -601,14 +636,17 @@ def _by_torque(
             torque = 0.0
         candidates = [spans.candidate(*key) for key in mine]
         likely = dict(zip(candidates, mine.values(), strict=True))
+        # the odds count all sets of the look, though these are fewer: it chose them
         found = spans.search(about, spans.sets(), len(sets)).run(likely, torque)
         settled = set(found.fit.mine) <= set(likely)
+        # what joined without having been asked gets a moment by another look
         if left and not settled:
             left, torque = left - 1, 0.0
             values = found.fit.values
             mine = {(one.term, spans.place(one)): x for one, x in values.items()}
             continue
         when = {one: spans.moments(found.fit, one) for one in found.fit.mine}
+        # rows about these moments are left out of the spans, but not of the look
         if settled:
             when = dict(zip(candidates, moments, strict=True))
         return told._replace(found=found, spans=spans, when=when)
@@ -657,6 +695,7 @@ def _changes(
     made = found.fit.contrast.design
     # by number of the recording and joint
     out: dict[tuple[int, int], list[tuple[Candidate, Change]]] = {}
+    # of each end of what it holds one change: it comes, or it goes
     for one in found.fit.mine:
         number, start, _ = spans.place(one)
 
@@ -672,6 +711,7 @@ def _changes(
         name, zero = clocks[number]
         for k, moment in enumerate(moments[one]):
             low, high = (zero + time for time in moment.interval)
+            # what ends takes its value away; what a stream always had has come
             comes = k == 0 and (np.isfinite(start) or spans.learnt is not None)
             change = Change(
                 recording=name,
@@ -681,9 +721,11 @@ def _changes(
                 value=found.fit.values[one] * (1.0 if comes else -1.0),
                 deviation=found.fit.answer.deviations[one],
                 probability=found.probabilities_of(is_it)[True],
+                # log odds less prior odds is the evidence: over what the odds ask of it
                 support=(found.log_odds(is_it) - odds) / -odds,
                 columns=columns,
             )
+            # a ramp may stand for several changes of a joint: these are kept together
             out.setdefault((number, one.term.joint), []).append((one, change))
     every: list[tuple[int, Change]] = []
     for (number, _), some in out.items():
@@ -715,18 +757,21 @@ def _gradual(
     made, left = fit.contrast.design, fit.left
     rows, mine = made.rows, made.rows.recording == number
     variance = fit.contrast.error.noise2 + (left**2).mean(axis=0)
+    # all steps put back: the ramp has to explain what they do together
     without = left.copy()
     steps = {one: change.term for one, change in some}
     for one in steps:
         there = np.isin(rows.group, one.groups or ())[:, None]
         without += made.torque(one.term, fit.values[one]) * there
     before, after = ((x[mine] ** 2 / variance).sum() / 2 for x in (without, left))
+    # a ramp pays once for a term, however many steps of it there are
     cost = {
         term: min(found.odds[one] for one in steps if steps[one] == term)
         for term in steps.values()
     }
     score = before - after + sum(found.odds[one] for one in steps)
     ramps: list[tuple[float, Ramp, list[Change]]] = []
+    # a ramp of each term by itself, and one of all of them at once
     for terms in dict.fromkeys([*((term,) for term in cost), tuple(cost)]):
         likes = [_largest(term, some, whole=len(terms) > 1) for term in terms]
         moved = sum(made.torque(like.term, like.value)[mine] for like in likes)
@@ -734,10 +779,12 @@ def _gradual(
             rows.t[mine],
             (without[mine] * moved / variance).sum(axis=1),
             (moved**2 / variance).sum(axis=1),
+            # the filter makes a step as wide: a shorter ramp looks like one
             4 * SMEARED / rows.cutoff,
             SURE,
         )
         if ramp is not None:
+            # its end is one more parameter than a step has
             odds = sum(cost[term] for term in terms) + float(np.log(UNUSUAL))
             ramps.append((ramp.explained + odds, ramp, likes))
     if not ramps:
@@ -745,6 +792,7 @@ def _gradual(
     best, ramp, likes = max(ramps, key=lambda one: one[0])
     if len(some) > 1 and best < score:
         return []
+    # one step gives way only to ramps as a whole, whichever moments they have
     if len(some) == 1 and ramp.mean + np.log(UNUSUAL) < ramp.at_once:
         return []
     return [
@@ -775,6 +823,7 @@ def _moved_by(made: Design, term: Term, recordings: Sequence[Recording]) -> Move
     """Times of rows, and the torque that each coordinate of a term makes there, by name of the recording."""
     rows, out = made.rows, {}
     units = [made.torque(term, unit) for unit in np.eye(len(term.columns))]
+    # from shares of the joints' scale to N m
     torque = np.stack(units, axis=2) * rows.scale[:, None]
     for k, recording in enumerate(recordings):
         mine = rows.recording == k
@@ -826,6 +875,7 @@ def best_ramp(
         sure: probability that it begins between the moments that are told [1].
     """
     edges = np.linspace(t[0], t[-1], WINDOW_EDGES)
+    # pairs in the wrong order as well: their length sorts them out
     a, b = (x.ravel() for x in np.meshgrid(edges, edges))
     gain, _ = _explained(t, right, square, a, b)
     ramps = gain[b - a >= shortest]
@@ -843,9 +893,11 @@ def best_ramp(
     a, b = a[longer], b[longer]
     gain, share = _explained(t, right, square, a, b)
     k = int(gain.argmax())
+    # how likely it begins where, whatever its end: pairs in the order of beginnings
     order = np.argsort(a, kind="stable")
     likely = np.exp(gain - gain.max())[order].cumsum()
     low, high = np.searchsorted(likely / likely[-1], [(1 - sure) / 2, (1 + sure) / 2])
+    # no finer than the grid and the rows
     step = width / WINDOW_EDGES + float(np.median(np.diff(t)))
     begins = float(a[order][low]) - step, float(a[order][high]) + step
     return Ramp(
@@ -863,6 +915,7 @@ def _explained(
     t: np.ndarray, right: np.ndarray, square: np.ndarray, a: np.ndarray, b: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """G of each pair of moments [nats], (K,), and the likeliest x, (K,)."""
+    # at once is a ramp as steep as numbers can be
     length = np.maximum(b - a, np.finfo(float).eps)[:, None]
     w = np.clip((t - a[:, None]) / length, 0.0, 1.0)
     pull, weight = w @ right, w**2 @ square
@@ -895,11 +948,13 @@ def change_findings(changes: Sequence[Change]) -> list[dict[str, Any]]:
     """Entries of ``changes``: what changed, in which recording, when, by how much."""
     out: list[dict[str, Any]] = []
     for entry in map(_finding, changes):
+        # viscous and dry friction that change at one moment are told as one
         twin = next((other for other in out if _are_one(entry, other)), None)
         if twin is None:
             out.append(entry)
             continue
         twin["parameters"] |= entry["parameters"]
+        # when, by whichever of the two says it more sharply
         if np.ptp(entry["interval"]) < np.ptp(twin["interval"]):
             twin |= {key: entry[key] for key in ("time", "interval", "until")}
     return out
@@ -967,6 +1022,7 @@ def _parameters(change: Change) -> dict[str, dict[str, Any]]:
         # the number of a link is no value, and when a force acts is said already
         if name not in middle or name in times:
             continue
+        # half the way between both sides: a law need not be linear in its coordinates
         half = [(up[name] - down[name]) / 2 for up, down in steps]
         both = middle[name], np.sqrt((np.array(half) ** 2).sum(axis=0))
         x, std = (v.tolist() if len(v) > 1 else float(v[0]) for v in both)

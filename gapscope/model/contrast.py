@@ -119,6 +119,7 @@ class Contrast:
         ]
         self._nuisances = tuple(nuisances)
         every = itertools.product(range(len(self.motions)), range(self.groups))
+        # information is kept per joint, as most columns move few joints
         self.information = [
             [np.zeros((len(a), len(a))) for _ in range(self.groups)]
             for a in self.design.active
@@ -135,6 +136,7 @@ class Contrast:
         prior: np.ndarray | None = None,
     ) -> Contrast:
         """The same question of other motions, which change some joints and groups, or beside other nuisances."""
+        # lists are replaced, not written to: copies share what has not changed
         other = copy(self)
         if motions is not None:
             other.motions = motions
@@ -158,6 +160,7 @@ class Contrast:
         for (j, motion), growth in larger.items():
             for k, one in enumerate(motions[j]):
                 if one.cell.motion == motion:
+                    # of all columns alike: form error keeps its shape
                     own2 = self.error.own2[j] * growth
                     motions[j][k] = eliminated(one.cell, own2, one.noise2)
                     touched.add((j, one.cell.group))
@@ -165,6 +168,7 @@ class Contrast:
 
     def _inform(self, some: Iterable[tuple[int, int]]) -> None:
         """Sum the information of some joints and groups on the coefficients."""
+        # a list of its own: the contrast it was copied from keeps its sums
         self.information = [list(groups) for groups in self.information]
         self._of_terms: np.ndarray | None = None
         for j, group in some:
@@ -188,6 +192,7 @@ class Contrast:
         out = np.zeros((self.groups, len(some), len(others)))
         every = zip(self.design.active, self.information, strict=True)
         for active, information in every if len(some) else ():
+            # both are rising, so a sorted search gives each column's place
             mine, theirs = np.isin(active, some), np.isin(active, others)
             here = np.searchsorted(some, active[mine])[:, None]
             there = np.searchsorted(others, active[theirs])
@@ -206,6 +211,7 @@ class Contrast:
 
     def _eliminate_nuisances(self) -> None:
         """Eliminate what is shared by all, and what groups have that is no term."""
+        # deviations, in whose unit all that follows is I + U A U
         prior, unit = self.design.prior, []
         self._shared = np.flatnonzero(prior > 0)
         # the groups and the column of each nuisance that is not shared by all
@@ -218,11 +224,13 @@ class Contrast:
         by_own = np.zeros((len(self._own), self.groups, self.design.size))
         places = np.unique([p for _, p in self._own]).astype(int)
         rows = self._gathered(places, np.arange(self.design.size))
+        # a nuisance of some groups has products with the rows of these alone
         for row, (some, p) in zip(by_own, self._own, strict=True):
             row[some] = rows[some, np.searchsorted(places, p)]
         own = self._of_nuisances(by_own.transpose(1, 2, 0))
         count, shared = len(self._shared), self._shared
         self._normal = np.empty((len(own), len(own)))
+        # shared by shared, shared by own, own by own: the matrix is symmetric
         every = self._total(range(self.groups))
         self._normal[:count, :count] = every[np.ix_(shared, shared)]
         self._normal[:, count:], self._normal[count:] = own, own.T
@@ -236,6 +244,7 @@ class Contrast:
         unit, kept = self._units, self._factors
         prior = unit.tobytes()
         if prior not in kept:
+            # the oldest goes
             if len(kept) >= FACTORS:
                 del kept[next(iter(kept))]
             kept[prior] = Factor(lower(self._normal * unit[:, None] * unit))
@@ -272,6 +281,7 @@ class Contrast:
     def back(self, groups: Sequence[int], columns: np.ndarray) -> np.ndarray:
         """L^-1 U times the products of the nuisances with columns of terms of some groups, (N, K): once for many."""
         known = self._factorised
+        # for a few columns it is not worth solving for all of them
         if len(columns) < MANY and known.back is None:
             cross = self._crossed[:, groups][:, :, columns].sum(axis=1)
             return forward(known.lower, self._units[:, None] * cross)
@@ -304,6 +314,7 @@ class Contrast:
     def evidence(self) -> float:
         """Log probability of the gaps if no group has anything of its own [nats], but for a constant."""
         total = _half_log(self._factor, self.solved)
+        # what the motions have of their own explains a part; the rest is noise
         for motions, noise2 in zip(self.motions, self.error.noise2, strict=True):
             for one in motions:
                 total += _half_log(one.factor, one.right) - one.cell.power / noise2 / 2
@@ -313,6 +324,7 @@ class Contrast:
     def for_gap(self, gap: np.ndarray) -> Contrast:
         """The same question to another gap of the same columns, (M, n): that of another arm."""
         other = copy(self)
+        # the gap stands in right sides alone: information and factors hold
         other.gap = gap
         other.motions = [
             [self._with_gap(j, one, gap[:, j]) for one in motions]
@@ -352,7 +364,9 @@ class Contrast:
         asked = self
         for _ in range(RESIZED):
             prior = asked.design.prior.copy()
+            # (L L^T)^-1 = L^-T L^-1 is the covariance, in units of the prior
             half = inverse(asked._factor)
+            # each as if all others stayed as large as they are
             for some in itertools.chain.from_iterable(asked.design.waves):
                 at = np.searchsorted(asked._shared, some)
                 mine = half[:, at]
@@ -385,12 +399,14 @@ class Contrast:
         error = replace(self.error, own2=none, noise2=noise2)
         design = replace(self.design, prior=prior)
         other = Contrast(replace(self.equations, design=design), error, self._nuisances)
+        # the equations are of the arm's gap, this question may be of another
         return other.for_gap(self.gap)
 
     def _with_gap(self, j: int, one: Eliminated, gap: np.ndarray) -> Eliminated:
         """One motion of a joint with another gap, (M,)."""
         rows = one.cell.rows
         right = self.design.columns[j][rows].T @ gap[rows]
+        # columns made of the recorded torque share its noise with any gap of it
         self.equations.take_noise(j, rows, right)
         cell = replace(one.cell, right=right, power=float(gap[rows] @ gap[rows]))
         own = one.size * right[one.free] / self.error.noise2[j]
@@ -413,10 +429,12 @@ class Contrast:
                 if not x.any():
                     continue
                 products = self.design.columns[j][rows].T @ x / noise2
+                # what the motion has of its own explains its part of the columns as well
                 inner = one.inner(products)
                 gram += x.T @ x / noise2 - inner.T @ inner
                 right += x.T @ self.gap[rows, j] / noise2 - inner.T @ one.right
                 cross[one.cell.group, active] += products - one.cross.T @ inner
+        # so far without own values of motions alone: what is shared is eliminated last
         back = self.nuisance_rows(cross)
         return Beside(cross, gram - back.T @ back, right - back.T @ self.solved, back)
 
@@ -429,6 +447,7 @@ class Contrast:
         """
         shared, own = self.nuisance_values(self.solved)
         mine, out = shared + own[group], {}
+        # 1 first: a gain counts over form error as it was learnt
         tried = np.array([1.0, *growths])
         for j, motions in enumerate(self.motions):
             noise2, beta = self.error.noise2[j], mine[self.design.active[j]]
@@ -436,6 +455,7 @@ class Contrast:
                 cell = one.cell
                 if cell.group != group:
                     continue
+                # X^T X beta by the root of the products: the rows are not needed
                 of_all = cell.root.T @ (cell.root @ beta)
                 left = (cell.right - of_all)[one.free] * one.size / noise2
                 gains = _of_sizes(one.root_of_own, left, noise2, tried)
@@ -452,10 +472,12 @@ class Contrast:
         """
         chosen, free = list(groups), (self.design.prior > 0) & np.isnan(held)
         value = np.where(free, 0.0, np.nan_to_num(held))
+        # what is held acts on the right side of all others
         gram = self._total(chosen)[free]
         right = self.right[chosen].sum(axis=0)[free] - gram @ value
         unit = self.design.prior[free]
         factor = lower(gram[:, free] * unit[:, None] * unit)
+        # as everywhere the prior counts from the arm that was believed
         solved = forward(factor, unit * right - self.design.taken[free] / unit)
         value[free] = unit * solve_triangular(factor.T, solved, check_finite=False)
         return value
@@ -478,6 +500,7 @@ class Contrast:
 
     def own_covariance(self, places: Sequence[int]) -> np.ndarray:
         """Covariance of what the groups of the first nuisance have of some columns, (K, K)."""
+        # what these groups have stands behind all that is shared
         count, some = len(self._shared), list(self._nuisances[0][0])
         every = [count + k for k, own in enumerate(self._own) if own[0] == some]
         at = [next(k for k in every if self._own[k - count][1] == p) for p in places]
@@ -578,6 +601,7 @@ class OwnTerms:
         self._number = {some: k for k, some in enumerate((*sets, None))}
         self._replaced: dict[Candidate, np.ndarray] = {}
         self._width_of: dict[Term, np.ndarray] = {}
+        # columns about own values come behind all blocks
         self._further = contrast.beside(self._replacing()) if self._about else None
         self.right = self._right()
 
@@ -592,6 +616,7 @@ class OwnTerms:
     def candidates(self) -> Iterator[Candidate]:
         """All that there are: terms of each set of groups, and those with a searched form of everybody."""
         for term, some in itertools.product(self._of_terms, self._number):
+            # plain terms of everybody are shared already, those with a searched form are not
             if some is not None or term.parametrisation.nonlinear:
                 yield Candidate(term, some)
 
@@ -601,6 +626,7 @@ class OwnTerms:
 
     def places(self, one: Candidate) -> np.ndarray:
         """Places of the coordinates of a candidate, (linear,)."""
+        # about its own values a candidate has other columns than its term
         if one in self._replaced:
             return self._replaced[one]
         own = self._of_terms[one.term]
@@ -631,6 +657,7 @@ class OwnTerms:
         """Information that coordinates have in common beside all that is shared, (K, K')."""
         of_others = self.back(others)
         mine = of_others if some is others else self.back(some)
+        # Schur complement: what both have in common with what is shared is taken off
         out = -mine.T @ of_others
         for block, mine, columns in self._by_block(some):
             for other, theirs, other_columns in self._by_block(others):
@@ -645,6 +672,7 @@ class OwnTerms:
         """Coordinates by the groups that have them: which they are, and of which column; ``None``: further ones."""
         count = len(self.design.told)
         number, column = np.divmod(places, count)
+        # what lies behind the last block is further columns, however many
         number = np.minimum(number, len(self._blocks))
         for k in np.unique(number).tolist():
             mine = np.flatnonzero(number == k)
@@ -662,6 +690,7 @@ class OwnTerms:
     ) -> np.ndarray | float:
         """Products of columns of some groups with columns of others, but for what is shared."""
         if block is not None and other is not None:
+            # groups that only one of them has give no products
             both = tuple(group for group in block if group in other)
             if not both:
                 return 0.0
@@ -673,6 +702,7 @@ class OwnTerms:
             return np.asarray(cross[np.ix_(columns, other_columns)])
         if other is not None:
             return np.asarray(self._in_common(other, other_columns, block, columns)).T
+        # with what is shared put back, as ``products`` takes it off from all alike
         known = further.gram + further.back.T @ further.back
         return np.asarray(known[np.ix_(columns, other_columns)])
 
@@ -687,10 +717,12 @@ class OwnTerms:
         out = np.empty((*places.shape, places.shape[1]))
         back = self.back(places.ravel()).reshape(-1, *places.shape)
         for block, mine, columns in self._by_block(places[:, 0]):
+            # columns of their own are few, those of the design one batch per block
             if block is None:
                 for k in mine:
                     out[k] = self.products(places[k], places[k])
                 continue
+            # the coordinates of a candidate follow on each other
             at = columns[:, None] + places[mine] - places[mine, :1]
             own = back[:, mine]
             out[mine] = self._gram(block)[at[:, :, None], at[:, None, :]]
@@ -714,6 +746,7 @@ class OwnTerms:
             unit, fitted = self.design.units[term], term.parametrisation
             shares = np.ones(len(unit))
             if fitted.proportions is not None:
+                # the coordinate that moves most torque has the size, others their share
                 torque = unit * np.array(fitted.proportions)
                 shares = torque / torque.max()
             # no arm has much more of an effect than is usual where it is one
@@ -740,6 +773,7 @@ class OwnTerms:
     ) -> tuple[np.ndarray, np.ndarray]:
         """What is shared, (P,), and the nuisances of each group, (G, P), beside values of candidates."""
         solved = self.contrast.solved
+        # what is shared answers to what the candidates leave of its right side
         for one, value in values.items():
             scaled = value * self.design.units[one.term]
             solved = solved - self.back(self.places(one)) @ scaled
@@ -801,6 +835,7 @@ class OwnTerms:
         # prior of the sizes
         evidence -= len(terms) * float(np.log(len(self.sizes)))
         back = solve_triangular(factor.T, np.eye(len(unit)), check_finite=False)
+        # from torque back to the terms' own units
         scale = unit / np.concatenate([self.design.units[t.term] for t in terms])
         value = scale * (back @ solved)
         covariance = (back @ back.T) * scale[:, None] * scale
@@ -822,12 +857,14 @@ class OwnTerms:
         """
         widths = [self._widths(one.term) for one in terms]
         ends = np.cumsum([0, *(each.shape[1] for each in widths)]).tolist()
+        # all start at a tenth of the torque, ``SIZES[2]``
         found = [2] * len(terms)
         unit = np.concatenate([each[2] for each in widths])
         covariance, changed = np.empty(0), True
         for _ in range(ROUNDS):
             before = list(found)
             for k, (start, end) in enumerate(pairwise(ends)):
+                # the inverse of all holds until a width changes
                 if changed:
                     covariance = np.linalg.inv(
                         gram * unit[:, None] * unit + np.eye(len(unit))
@@ -857,7 +894,9 @@ class OwnTerms:
         factor = lower(self.products(places, places) * unit[:, None] * unit)
         solved = forward(factor, unit * self.right[places])
         known = _half_log(factor, solved)
+        # the further one pays for its choice of a size, as the others do
         known -= (len(terms) + 1) * float(np.log(len(self.sizes)))
+        # those with as many coordinates are one batch
         by_width: dict[int, list[Candidate]] = {}
         for one in others:
             by_width.setdefault(len(one.term.columns), []).append(one)
@@ -865,6 +904,7 @@ class OwnTerms:
             at = np.array([self.places(one) for one in some])
             x = forward(factor, unit[:, None] * self.products(places, at.ravel()))
             x = x.reshape(len(places), *at.shape)
+            # information and right side of each beside the set
             gram = self._alone(at) - np.einsum("smk,sml->mkl", x, x)
             right = self.right[at] - np.einsum("smk,s->mk", x, solved)
             each = self.alone([one.term for one in some], gram, right)
@@ -885,6 +925,7 @@ class OwnTerms:
         every = np.stack([widths[term] for term in terms], axis=1)
         evidence, scaled, inverse = of_widths(gram, right, every)
         best = np.argmax(evidence, axis=0), np.arange(len(right))
+        # the posterior variance of a coordinate is u (I + U A U)^-1 u
         deviations = every * np.sqrt(np.diagonal(inverse, axis1=2, axis2=3))
         values = (every * scaled)[best] / units
         return evidence[best].tolist(), values, deviations[best] / units
