@@ -429,7 +429,7 @@ class Contrast:
                 if not x.any():
                     continue
                 products = self.design.columns[j][rows].T @ x / noise2
-                # what the motion has of its own explains its part of the columns as well
+                # what the motion has of its own explains a part of the columns as well
                 inner = one.inner(products)
                 gram += x.T @ x / noise2 - inner.T @ inner
                 right += x.T @ self.gap[rows, j] / noise2 - inner.T @ one.right
@@ -616,7 +616,7 @@ class OwnTerms:
     def candidates(self) -> Iterator[Candidate]:
         """All that there are: terms of each set of groups, and those with a searched form of everybody."""
         for term, some in itertools.product(self._of_terms, self._number):
-            # plain terms of everybody are shared already, those with a searched form are not
+            # plain terms of everybody are shared already, not those with a searched form
             if some is not None or term.parametrisation.nonlinear:
                 yield Candidate(term, some)
 

@@ -201,6 +201,7 @@ def about(
         candidate, on the rows of its groups, in the units of the design, (M, linear).
     """
     rows, terms = made.rows, made.terms
+    # a limit acts on the recorded torque: its columns are the same about any arm
     moved = {one: x for one, x in values.items() if moves_columns(one.term)}
     gap = made.gap.copy()
     columns_of = {
@@ -223,12 +224,14 @@ def about(
             for one in some:
                 theta[list(one.term.columns)] += moved[one]
             theta, segment = terms.clipped(theta), bodies.segment
+            # what the arm predicts there with all that these groups have
             at = arm.point(bodies, terms, theta)
             left = segment.bridged(segment.recorded_torque - at.torque)
             gap[mine] = rows.thin(left, segment)[there] / rows.scale * trust
             matrix = columns(at, rows, {one.effect for one in some})
             for one in some:
                 term, places = one.term, list(one.term.columns)
+                # inertial columns of the link, combined about the change that it has
                 whole, effect = matrix[:, :, places], term.definition
                 if is_link_change(term) and isinstance(effect, LinkChange):
                     j, motion = term.joint - 1, segment.motion
@@ -242,6 +245,7 @@ def about(
                 own = whole[there] * trust[:, :, None]
                 for j, x in enumerate(columns_of[one]):
                     x[mine] = own[:, j]
+    # linear about the values: coordinates count from zero, as those of others do
     for one, value in moved.items():
         scaled = value * made.units[one.term]
         gap += np.stack([x @ scaled for x in columns_of[one]], axis=1)
@@ -300,6 +304,7 @@ def design(
     for term in terms.all:
         effect, j = term.definition, term.joint - 1
         if is_link_change(term) and isinstance(effect, LinkChange):
+            # about an unchanged link
             tangent = effect.tangent(nominal[j], j, np.zeros(len(term.columns)))
             x = bodies[:, :, 10 * j : 10 * j + 10] @ tangent
         elif terms.can_choose(term):
@@ -310,6 +315,7 @@ def design(
         # of a load on a slide only the mass shows
         if not (unit > MIN_TORQUE).any():
             continue
+        # given units keep priors alike when columns are taken again
         unit = (units or {}).get(term, np.maximum(unit, MIN_TORQUE))
         places[term] = np.arange(count, count + len(unit))
         used[term], usual[term] = unit, _usual_size(term, arm.arm)
@@ -336,6 +342,7 @@ def design(
         np.flatnonzero((whole[:, j] ** 2).mean(axis=0) > MIN_TORQUE**2)
         for j in range(n)
     ]
+    # waves come last, each joint's behind those of the joint before
     size, waves, every = whole.shape[2], [], []
     of_joints, of_arm = _waves(rows)
     for j, some in enumerate(active):
@@ -346,6 +353,7 @@ def design(
         waves.append(mine)
         every.append(np.hstack([whole[:, j, some], *both]))
         active[j] = np.concatenate([some, *mine])
+    # without a prior until noise is learnt: ``FormError.primed`` gives them theirs
     blocks.append((whole[:, :, :0], np.zeros(size - whole.shape[2]), False))
     return Design(
         rows=rows,
@@ -401,6 +409,7 @@ def _part(
     On long logs that is more than memory should hold.
     """
     segment, searched = rows.segments[k], {term.effect for term in terms.shapes}
+    # about another arm nothing of it holds
     if rows.kept is None or rows.kept.about is not arm:
         rows.kept = Kept(arm, {})
     _, kept = rows.kept.parts.get(id(segment), (segment, None))
@@ -413,6 +422,7 @@ def _part(
         own = columns(at, rows, searched)
         return bodies, kept._replace(terms=kept.terms + own)
     regressor = bodies.regressor()
+    # of torque beyond a limit only what reached the joint counts
     delivered = arm.corrected(terms).delivered(segment.recorded_torque)
     part = PartOfDesign(
         columns(at, rows),
@@ -421,6 +431,7 @@ def _part(
         rows.thin(bodies.force, segment),
         rows.thin(segment.bridged(delivered - at.torque), segment),
     )
+    # searched columns change from look to look: only others are worth keeping
     if not searched and part.terms.size * len(rows.segments) < MAX_KEPT:
         rows.kept.parts[id(segment)] = segment, part
     return bodies, part
@@ -451,6 +462,8 @@ def drawn_waves(state: np.ndarray, count: int) -> np.ndarray:
     d = state.shape[1]
     rng = np.random.default_rng(d)
     tails = np.sqrt(rng.chisquare(TAILS, count) / TAILS)
+    # normal over the root of chi-squared is Student's t; in more dimensions
+    # states lie farther apart, so waves are longer
     numbers = rng.normal(size=(d, count)) / tails / np.sqrt(d / 2)
     phases = rng.uniform(0, 2 * np.pi, count)
     return np.sqrt(2 / count) * np.cos(state @ numbers + phases)
@@ -473,6 +486,7 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     ]
     names = {e.name for e in free}
     places = np.concatenate([terms.block(e.name).ravel() for e in free])
+    # other groups say nothing of the arm, whatever they have
     told = np.isin(rows.group, list(groups))
     matrices, gaps = [], []
     for k, segment in enumerate(rows.segments):
@@ -488,6 +502,7 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
         gaps.append(gap[mine])
     x = np.concatenate(matrices) / rows.scale[:, None]
     y = np.concatenate(gaps) / rows.scale
+    # deviation of the prior: ridge regression is I in its unit
     unit = WIDE / np.maximum(_largest(x), MIN_TORQUE)
     unit[: 10 * n] = BODIES * inertial_scale(start.body)
     x = x * unit
@@ -495,6 +510,7 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     dry = [terms.block(e.name)[0] for e in free if isinstance(e, DryLaw)]
     for _ in range(ROUNDS):
         trust = rows.trust[told]
+        # joints weigh by what is left of them, so the fit is repeated
         weighted = (x * (trust / left)[:, :, None]).reshape(-1, x.shape[2])
         normal = weighted.T @ weighted + np.eye(x.shape[2])
         value = np.linalg.solve(normal, weighted.T @ (y * trust / left).ravel())
@@ -504,6 +520,7 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
         value *= unit
         theta = start.theta.copy()
         theta[places] += value[10 * n :]
+        # where its friction may hold it rows count less in the next round
         rows.held(np.abs(theta[dry]).sum(axis=0), left, arm.per_radian)
     return replace(
         start, increments=value[: 10 * n].reshape(n, 10), theta=terms.clipped(theta)
@@ -515,6 +532,7 @@ def possible(arm: FreeArm, made: Design, value: np.ndarray) -> np.ndarray:
     out, theta = value.copy(), arm.theta.copy()
     for term in _linear(made):
         theta[list(term.columns)] += value[made.places[term]] / made.units[term]
+    # clipped as a whole: coordinates of one effect may bound each other
     change = made.terms.clipped(theta) - arm.theta
     for term in _linear(made):
         out[made.places[term]] = change[list(term.columns)] * made.units[term]

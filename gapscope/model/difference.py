@@ -204,6 +204,7 @@ class Difference:
         for some, value in self.sets.items():
             for key in {name(one) for one in some}:
                 out[key] = out.get(key, 0.0) + float(np.exp(value - total))
+        # the sum of rounded shares may be a little more than one
         return {key: min(p, 1.0) for key, p in out.items()}
 
     def log_odds(self, holds: Callable[[Candidate], bool]) -> float:
@@ -212,6 +213,7 @@ class Difference:
         for some, value in self.sets.items():
             sides[any(holds(one) for one in some)].append(value)
         likeliest = max(self.sets.values())
+        # neither side is quite empty: the difference of both stays a number
         there, none = (
             np.logaddexp.reduce([*sides[side], likeliest - LEAST])
             for side in (True, False)
@@ -319,6 +321,7 @@ class Search:
             known: with about its values.
             torque: what it does, over the joints' scale, (M, n): it is no form error.
         """
+        # once: from look to look the caller moves the arm
         self._linearise(1, torque)
         self._prepare()
         fit = self.with_some(list(known), known)
@@ -328,6 +331,7 @@ class Search:
             without = self._with_larger_error(fit)
             one, _ = self._most_promising(without)
             if one is not None:
+                # each side with the form error that it needs itself
                 larger = self._fit((*fit.chosen, one), fit.values, {})
                 if self._with_larger_error(larger).total <= without.total:
                     one = None
@@ -342,6 +346,7 @@ class Search:
         while True:
             found = self._fit(chosen, values, {})
             weigh = self._weigher(found.own)
+            # what cannot be leaves, and the others are fitted again without it
             kept = [one for one in found.mine if weigh.can_be(one, found.answer)]
             if len(kept) == len(found.mine):
                 return found
@@ -361,6 +366,7 @@ class Search:
         best = next(self._proposals(fit), None)
         if best is None:
             return None, -np.inf
+        # promises hold functions at their learnt sizes, as does what they are held to
         gain = best.total - fit.sharp
         return (best.one if gain > 0 else None), gain
 
@@ -391,6 +397,7 @@ class Search:
         joints = {place[0] for place, _ in promised}
         charge = float(np.log(UNKNOWN / len(joints) / len(GROWTHS)))
         for j, growth in itertools.product(joints, GROWTHS):
+            # gains of motions add up: from each group on to the last one
             later = [promised[(j, group, None), growth] for group in self.groups[::-1]]
             odds = np.cumsum(later) + charge
             found += [(o, j, g) for o, g in zip(odds, self.groups[::-1], strict=True)]
@@ -404,6 +411,7 @@ class Search:
             gain = promised[place, growth] + float(np.log(UNKNOWN))
             if gain <= 0:
                 break
+            # of a joint and group as a whole, or of some of its motions, but not both
             j, group, motion = place
             same = [other for other in out if other[:2] == (j, group)]
             if not any(motion is None or other[2] in (None, motion) for other in same):
@@ -422,6 +430,7 @@ class Search:
             known: what some groups have in all likelihood, with about its values: ``arm`` predicts beside it.
             torque: what that does, over the joints' scale, (M, n).
         """
+        # beside what is known groups are alike, so that each predicts the others
         if known:
             self._linearise(1, torque, alike=True)
         else:
@@ -444,11 +453,13 @@ class Search:
         """The arm that predicts best beside what groups have of their own."""
         made = fit.contrast.design
         shared, _ = fit.own.nuisances(fit.answer.values)
+        # the arm takes what is possible; the rest stays a part of the gap
         return moved(self.arm, made, possible(self.arm, made, shared))
 
     def _found_about_arm(self) -> Difference:
         """The best hypothesis about the arm, and those that compete."""
         best = self._best()
+        # sets that were promised compete as well as those that were fitted
         least = self._totals[frozenset()]
         sets = {terms: total - least for terms, total in self._totals.items()}
         odds = {one: self._weigher(best.own).odds([one]) for one in best.mine}
@@ -471,6 +482,7 @@ class Search:
         for count in range(times):
             first = Equations.of(design(self.rows, arm, {}))
             gap = first.design.gap[np.isin(self.rows.group, self.basis)]
+            # a product over joints: none counts for more because its torque is large
             left = float(np.log((gap**2).mean(axis=0) + MIN_TORQUE**2).sum())
             # what is shared stays linear there: columns that cancel lead astray
             if left >= least:
@@ -482,8 +494,10 @@ class Search:
             beside = Equations.of(left_over) if np.any(known) else first
             if self.taught is None:
                 self._taught = learn(beside, self.taught_by, alike=alike)
+            # what was learnt of this arm before goes over to these columns by term
             else:
                 self._taught = carried_over(*self.taught, first)
+            # what is known is left out of noise alone: the equations keep the whole gap
             self._first = replace(first, design=self._taught.primed(first.design))
             if count + 1 < times:
                 arm = moved(arm, first.design, self._shared())
@@ -493,6 +507,7 @@ class Search:
         self._prepare()
         alone = self.groups[0] if len(self.sets) == 1 else None
         self._scanner = Scanner(self.rows, self.arm, alone)
+        # shapes of laws beside nothing first, then beside the first term
         self._look(self._fit((), {}, {}))
         none = self._with_everybody(self._fit((), {}, {}))
         start = self._larger(none)
@@ -504,8 +519,10 @@ class Search:
             start = self._asked_again(start)
         # form error that is larger may explain what an effect explains better, and the other way round
         found = self._with_growth(self._searched(start or none))
+        # the same start with something unknown in the place of all terms
         unknown = self._with_growth(none)
         assert self._top is not None
+        # what was fitted on the way may be better than where the way ends
         best = max(found, unknown, self._top, key=_total)
         best = self._searched(self._asked_again(best)) if best.grown else best
         return best.suited
@@ -518,6 +535,7 @@ class Search:
         own = fit.own.within(contrast)
         weight, answer = self._weigher(own)(fit.chosen)
         total = contrast.evidence + weight + len(fit.grown) * np.log(UNKNOWN)
+        # the sizes that were learnt stay where no others do better
         if total <= fit.sharp:
             return fit
         best = replace(fit, answer=answer, total=total, contrast=contrast, own=own)
@@ -532,6 +550,7 @@ class Search:
             # others may have changed
             value = contrast.values_of(self.basis, held)
             inside = possible(self.arm, made, value)
+            # what runs into a bound is held there, and the others are fitted again
             beyond = np.isnan(held) & (np.abs(inside - value) > MIN_TORQUE)
             if not beyond.any():
                 return inside
@@ -552,6 +571,7 @@ class Search:
         found = self._scanner.scan(own, fit.chosen, self._shapes, self.found)
         for term, best in found.items():
             self._found[term] = best
+            # a term that is chosen keeps the charge by which it was chosen
             if all(one.term != term for one in fit.chosen):
                 self._charges[term] = best.charge
         self._prepare()
@@ -564,6 +584,7 @@ class Search:
     def _prepare(self) -> None:
         """Columns about what all share, and what follows for the group, with and without more form error."""
         first, made = self._first.design, self._first.design
+        # about this arm and without shapes the columns are there already
         if self._shapes or self._about is not self.arm:
             made = design(self.rows, self.arm, self._shapes, first.units)
         made = self._believed(self._taught.primed(made))
@@ -573,12 +594,14 @@ class Search:
         for term, places in made.places.items():
             if is_day_friction(term):
                 value = self.arm.theta[term.columns[0]] * made.units[term][0]
+                # even within that share to both sides: a third of its square
                 day[places] = (self.days * value) ** 2 / 3.0
             if term in self.free:
                 day[places] += (self.free[term] * made.units[term]) ** 2
         together = self.together or [(group,) for group in self.groups]
         days = [(some, day) for some in together if self.days]
         self._plain = Contrast(self._equations, self._error, days)
+        # what was fitted about other columns does not count any more
         self._contrasts, self._fits, self._beyond = {}, {}, {}
         self._totals, self._top = {}, None
         # what groups have in common with each other and with what is shared, about
@@ -599,6 +622,7 @@ class Search:
             larger: dict[tuple[int, int], float] = {}
             for (joint, group, motion), growth in grown.items():
                 for own in self._motions[group] if motion is None else [motion]:
+                    # the whole joint and one of its motions may both have grown
                     larger[joint, own] = max(growth, larger.get((joint, own), 1.0))
             last = dict(list(self._contrasts.items())[-self._kept :])
             self._contrasts = {**last, key: self._plain.grown(larger)}
@@ -618,12 +642,14 @@ class Search:
         if key in self._fits:
             return self._fits[key]
         can_be = True
+        # first about the given values, then about those that were just found
         for _ in range(ROUNDS):
             start = {
                 one: values.get(one, np.zeros(len(made.places[one.term])))
                 for one in chosen
                 if not one.everybody
             }
+            # how far the moments of a load may go follows from its mass a round before
             asked, columns_of = contrast.further(self._extents(start)), None
             if any(bends(one.term) for one in start):
                 # two loads may differ by what is no body: that has no centre to be linear about
@@ -641,6 +667,7 @@ class Search:
             own = OwnTerms(asked, self.sets, columns_of, self.sizes)
             fit = self._weighed(asked, own, chosen, grown)
             before, values = start, fit.values
+            # nothing depended on the values: another round would say the same
             if not can_be or asked is contrast or _settled(values, before):
                 break
         fit = self._counted(fit)
@@ -663,6 +690,7 @@ class Search:
             proportions = one.term.parametrisation.proportions
             if not one.term.is_load or proportions is None:
                 continue
+            # ten parameters a link: mass, three first moments, six moments of inertia
             moments = np.zeros(self._equations.design.size)
             r = proportions[1]
             mass = np.abs(value[0])
@@ -696,6 +724,7 @@ class Search:
         """A hypothesis that counts among those that compete, with unknown functions that suit it."""
         fit = self._suited(fit)
         some = frozenset(fit.mine)
+        # met about other values or with more form error: the best of them counts
         self._totals[some] = max(fit.total, self._totals.get(some, -np.inf))
         return fit
 
@@ -706,6 +735,7 @@ class Search:
             if best is None or best.total <= fit.sharp:
                 return fit
             chosen = *fit.chosen, best.one
+            # its columns do not depend on values: no fit, the algebra is enough
             larger = self._weighed(fit.contrast, fit.own, chosen, fit.grown)
             larger = self._counted(larger)
             if larger.total <= fit.total:
@@ -732,6 +762,7 @@ class Search:
         fixed += weigh.chances(fit.answer)
         # the same for all groups that may have a term
         each_term = {one.term: one for one in others}
+        # what everybody has does not make the same name likelier in a group
         names = {one.effect for one in fit.chosen if one.groups is not None}
         known = weigh.odds(fit.chosen)
         odds = {t: known + weigh.further(o, names) for t, o in each_term.items()}
@@ -815,9 +846,11 @@ class Search:
                 if not self._may_do_without(fit, one, rest):
                     continue
                 values = {other: x for other, x in fit.values.items() if other != one}
+                # without it, and with the best of all others in its place
                 without = self._with_everybody(self._fit(rest, values, fit.grown))
                 other = self._larger(without, one)
                 better = max((f for f in (without, other) if f), key=lambda f: f.total)
+                # by more than rounding: two sets might take turns for ever
                 if better.total > fit.total + 1e-3:
                     fit, settled = better, False
                     break
@@ -827,17 +860,21 @@ class Search:
         self, fit: Fit, one: Candidate, rest: Sequence[Candidate]
     ) -> bool:
         """Whether a hypothesis may be as good without a candidate, or with another in its place, to first order."""
+        # with its columns as they are, which costs next to nothing
         without = self._weighed(fit.contrast, fit.own, rest, fit.grown)
         proposed = list(itertools.islice(self._proposals(without), LOOKED_AT))
         # what explains half of it to first order may explain all of it about its own values
         lost = max(FAR, (fit.total - without.total) / 2)
+        # a refit may find so much more than columns promise
         chances = [without.total + FAR]
         for total, other, _ in proposed[:REFITTED]:
             beyond = self._beyond.get((one, other))
+            # if it was tried in this place before, it may gain about as much again
             if other != one:
                 chances.append(total + (lost if beyond is None else beyond + FAR))
         if max(chances) > fit.total:
             return True
+        # it stays, and what was weighed instead competes with it
         competing = {frozenset(without.mine): without.total}
         for total, other, _ in proposed:
             competing.setdefault(frozenset([*without.mine, other]), total)
@@ -853,6 +890,7 @@ class Search:
             tried = [
                 self._fit(fit.chosen, fit.values, {**fit.grown, place: growth})
                 for place, growth in places
+                # what does not promise to be worth its odds is not fitted
                 if promised[place, growth] > -np.log(UNKNOWN)
             ]
             best = max(tried, key=lambda f: f.total, default=fit)
@@ -869,6 +907,7 @@ class Search:
             for (j, motion, growth), gain in asked.growth_gains(group, GROWTHS).items():
                 out[(j, group, motion), growth] = gain
                 whole = (j, group, None), growth
+                # motions are independent: the group as a whole gains their sum
                 out[whole] = out.get(whole, 0.0) + gain
         return {key: gain for key, gain in out.items() if key[0] not in fit.grown}
 
@@ -906,6 +945,7 @@ class Weigher:
     ) -> None:
         self._own, self._arm, self._charges, self._belief = own, arm, charges, belief
         self._places: dict[str, int] = {}
+        # on how many joints, links or motors each effect could be
         for term in own.design.places:
             self._places[term.effect] = self._places.get(term.effect, 0) + 1
         self._masses = arm.body.inertial_parameters().reshape(-1, 10)[:, 0]
@@ -929,6 +969,7 @@ class Weigher:
         names: set[str] = set()
         for one in terms:
             total += self.further(one, names)
+            # a further joint of an effect that a group has is likelier than a first one
             if one.groups is not None:
                 names.add(one.effect)
         return total
@@ -966,6 +1007,7 @@ class Weigher:
         lowest, gone = self._lowest(term), term.parametrisation.data_sheet is not None
         if term.is_load:
             lowest = max(lowest, self._belief.least_load)
+        # an estimate at a bound lies beyond it by a deviation now and then
         beyond = not gone and value[0] < lowest - std[0]
         if beyond or not self._has_form(term, value, std):
             return -np.inf
@@ -985,6 +1027,7 @@ class Weigher:
 
     def _changed(self, link: int, value: np.ndarray) -> float:
         """Change of a link's mass [kg] and centre [m], over its mass and the lever of that [1], the larger one."""
+        # mass and first moment of the link: their ratio is its lever
         mass, moment = inertial_scale(self._arm.body).reshape(-1, 10)[link, :2]
         if not mass:
             return np.inf

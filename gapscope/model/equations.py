@@ -45,6 +45,7 @@ class Cell:
     def of(cls, design: Design, j: int, rows: np.ndarray) -> Cell:
         """The sums of some rows of a motion, on a joint from 0."""
         x, y, trust = design.columns[j][rows], design.gap[rows, j], design.rows.trust
+        # R of X = Q R has the products of X: no more rows than columns are kept
         root = x if len(x) <= x.shape[1] else np.asarray(np.linalg.qr(x, mode="r"))
         count = trust[rows, j]
         return cls(
@@ -355,6 +356,7 @@ class _Joint:
         self.count = sum(cell.count for cell in cells)
         self.waves = [np.isin(self._active, some) for some in design.waves[j]]
         self.prior = design.prior[self._active].copy()
+        # what was not believed stays out of each prior that is tried
         self._believed = self.prior > 0
         for some in self.waves:
             self.prior[some] = PRECISE
@@ -366,6 +368,7 @@ class _Joint:
         self, priors: Sequence[np.ndarray]
     ) -> tuple[float, float, np.ndarray, float, float, np.ndarray]:
         """Variances of noise, of a row by itself, of the columns, of the joint, of what is missed, and of functions."""
+        # of several beliefs the one by which motions predict each other best
         if priors:
             every, missed = [], []
             for some in priors:
@@ -379,6 +382,7 @@ class _Joint:
         in_shared = [some[shared] for some in self.waves]
         groups = sorted({cell.group for cell in cells})
         left, noise2, white2, missed2 = self.noise()
+        # at first all columns together leave ``PRECISE`` of the torque
         joint2 = PRECISE**2 / len(free)
         own2 = joint2 / size2
         variance = np.zeros(len(self.prior))
@@ -391,15 +395,18 @@ class _Joint:
                 white = [whitened(cell, variance, noise2) for cell in mine]
                 # what a motion leaves of right sides beside its own
                 rights = [
+                    # A = s^2 I + X O X^T, and A^-1 = (I - A^-1 X O X^T) / s^2
                     cell.right / noise2 - W.T @ (W @ (variance * cell.right)) / noise2
                     for cell, W in zip(mine, white, strict=True)
                 ]
                 rows_of_all = np.concatenate(white)[:, shared]
                 total = rows_of_all.T @ rows_of_all
                 right_of_all = np.sum(rights, axis=0)[shared]
+                # beta = back^T back right, the posterior of what is shared
                 back = inverse(lower(total * unit[:, None] * unit)) * unit
                 beta = back.T @ (back @ right_of_all)
                 for k, some in enumerate(in_shared):
+                    # of a function in units of its size, as ``function_gains`` wants it
                     half, size = back[:, some] / unit[some], unit[some]
                     mean = beta[some] / size
                     gains[k] += function_gains(half.T @ half, mean, size[0])
@@ -408,13 +415,16 @@ class _Joint:
                     right = cell.right[free] - cell.root[:, free].T @ of_all
                     mine_of_all = W[:, free] * own2
                     inner = W[:, free] @ (own2 * right)
+                    # theta by the same identity; to its variance comes that of beta
                     theta = (own2 * right - mine_of_all.T @ inner) / noise2
                     of_theta = own2 - (mine_of_all**2).sum(axis=0)
                     by_shared = mine_of_all.T @ (W[:, shared] @ back.T)
                     of_theta += (by_shared**2).sum(axis=1)
                     squares += theta**2
+                    # gamma, 1 - posterior over prior variance, lies between 0 and 1
                     determined += np.clip(1.0 - of_theta / own2, 0.0, 1.0)
             before2, before = joint2, unit.copy()
+            # of the joint, and of each column, beside which the joint counts as well
             joint2 = max(squares @ size2 / max(determined.sum(), 1e-3), MIN_FORM**2)
             of_joint = OF_THE_JOINT * joint2 / size2
             own2 = (squares + of_joint) / (determined + OF_THE_JOINT)
@@ -438,6 +448,7 @@ class _Joint:
         unit, missed = prior[shared], np.zeros(len(self.y))
         power = sum(cell.power for cell in cells)
         missed2 = max(power / self.count, MIN_NOISE**2)
+        # held out by sums: all of a group less the part that is predicted
         grams = _of_others(cells, [cell.gram for cell in cells])
         rights = _of_others(cells, [cell.right for cell in cells])
         # the noise by which the prior counts is what is missed
@@ -461,8 +472,10 @@ class _Joint:
         left, spent = np.zeros(len(self.y)), 0.0
         for cell in self.cells:
             x, here = self.x[np.ix_(cell.rows, free)], missed[cell.rows]
+            # values of a tenth of the torque each, so that hysteresis is no noise
             own = x * (FIRST_FREEDOM / np.sqrt(self.size2))
             # what is left of rows y is (I + X X^T / s^2)^-1 y
+            # by whichever of the two matrices is smaller
             if len(own) > len(free):
                 half = inverse(lower(own.T @ own / missed2))
                 explained = own @ (half.T @ (half @ (own.T @ here))) / missed2
@@ -470,6 +483,7 @@ class _Joint:
             else:
                 half = inverse(lower(own @ own.T / missed2))
                 left[cell.rows] = half.T @ (half @ here)
+            # degrees of freedom spent: the trace of I - (I + A)^-1
             spent += len(half) - float((half**2).sum())
         inflation = variance_inflation(left[rows, None], self.segment)[0]
         mean2 = float((left[rows] ** 2).sum()) / max(self.count - spent, 1.0)
@@ -511,6 +525,7 @@ def function_gains(covariance: np.ndarray, mean: np.ndarray, size: float) -> np.
         covariance, mean: of its coefficients, in units of their size, (k, k) and (k,).
         size: of the function, over the joint's scale [1].
     """
+    # S + I is the inverse of the posterior covariance; of S one basis serves all sizes
     known = np.linalg.inv(covariance)
     values, vectors = np.linalg.eigh(known - np.eye(len(known)))
     right2 = (vectors.T @ (known @ mean)) ** 2
@@ -558,6 +573,7 @@ def _vibration(left: np.ndarray, segment: np.ndarray, noise2: float) -> float:
     """
     parts = np.split(left, np.flatnonzero(np.diff(segment)) + 1)
     cuts = [max(1, round(MIN_MOTIONS * len(part) / len(left))) for part in parts]
+    # pieces of one length, so that their spectra can be averaged
     count = min(len(part) // cut for part, cut in zip(parts, cuts, strict=True))
     pieces = [
         part[k * count : (k + 1) * count]

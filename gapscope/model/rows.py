@@ -64,6 +64,7 @@ def low_passed_rows(
         return low_pass(series, rate, cutoff)[kept]
     # stamps give rates that differ by rounding from recording to recording
     rate = round(rate, 6)
+    # long enough that its middle sees neither end
     length = min(count, 4 * _reach(rate, cutoff))
     short = _short_series(rate, cutoff, length)
     if length == count:
@@ -74,6 +75,7 @@ def low_passed_rows(
     out[end] = short[rows[end] - (count - length)] @ series[count - length :]
     between = np.flatnonzero(~(beginning | end))
     reach, band = length // 4, _band(rate, cutoff, step)
+    # a block at a time, of as many samples as its rows reach
     for block in np.split(between, range(BLOCK, len(between), BLOCK)):
         if len(block):
             first, last = rows[block[0]] - reach, rows[block[-1]] + reach + 1
@@ -235,6 +237,7 @@ class Rows(DecimatedSegments):
                 self.group_of += [number] * len(own)
                 of_recording += [count] * len(own)
                 count += 1
+        # the torque gap is defined up to its own cut-off
         super().__init__(segments, min(TORQUE_CUTOFF, cutoff))
         self.kept: Kept | None = None
         self.warmth: np.ndarray | None = None
@@ -244,11 +247,13 @@ class Rows(DecimatedSegments):
         self.segment = np.repeat(np.arange(len(segments)), counts)
         self.group = np.repeat(self.group_of, counts)
         self.set_aside = self.recording >= taught
+        # straight lines over what was not measured: filters would spread it
         self.torque = self.rows([s.bridged(s.recorded_torque) for s in segments])
         known = np.vstack([s.measured[self.taken(s)] for s in segments])
         self.measured = np.sqrt(np.where(known, 1.0, UNMEASURED))
         self.trust = self.measured
         self.sticking = np.zeros_like(self.trust)
+        # groups that follow count in the torque of the first
         self.scale = torque_scale(self.torque[self.group == 0])
         self.t = np.concatenate([self.time(s) for s in segments])
         self._move_as(segments)
@@ -284,9 +289,11 @@ class Rows(DecimatedSegments):
             least: parts of a group at least, each of which counts as a motion of its own.
             left_out: rows that say nothing, mask (M,).
         """
+        # arrays of rows are replaced, so that other groupings keep theirs
         other = copy(self)
         other.group = group
         other.motion = other._motions(least)
+        # by weight zero, not removed: rows keep their numbers
         other.measured = np.where(left_out[:, None], 0.0, self.measured)
         other.trust = np.where(left_out[:, None], 0.0, self.trust)
         return other
@@ -294,6 +301,7 @@ class Rows(DecimatedSegments):
     def moved_as(self, recordings: Sequence[Recording]) -> Rows | None:
         """The same rows with the motions of others in the place of those that teach; ``None`` if lengths differ."""
         segments = [s for recording in recordings for s in _segments(recording)]
+        # what is set aside comes last, and keeps its motion
         segments += self.segments[len(segments) :]
         lengths = [len(self.time(s)) for s in segments]
         if lengths != [len(self.time(s)) for s in self.segments]:
@@ -336,12 +344,14 @@ class Rows(DecimatedSegments):
         share = self.rows([np.sqrt(1.0 - s**2) for s in direction])
         self.sticking = np.abs(friction / self.scale * share)
         hidden = self.sticking / noise
+        # sigma^2 / (sigma^2 + n u^2): the n rows of a stop tell one unknown value
         self.trust = self.measured / np.sqrt(1.0 + self._stop(hidden > 1) * hidden**2)
 
     def _stop(self, stopped: np.ndarray) -> np.ndarray:
         """Rows of the stop to which each row belongs, of stopped rows, mask (M, n); 1 of all others, (M, n)."""
         count = np.ones(stopped.shape)
         for j, mine in enumerate(stopped.T):
+            # a stop ends with its segment
             begins = np.diff(mine, prepend=False) | (
                 np.diff(self.segment, prepend=0) > 0
             )
@@ -364,6 +374,7 @@ class Rows(DecimatedSegments):
         state = over_deviation(np.hstack([self.position, self.velocity, faster]))
         motion, count = np.empty(len(state), dtype=int), 0
         kinds = np.column_stack([self.group, self.set_aside])
+        # groups share no motion, nor does what is set aside with what teaches
         for kind in np.unique(kinds, axis=0):
             rows = np.flatnonzero((kinds == kind).all(axis=1))
             segment = self.segment[rows]
@@ -371,10 +382,12 @@ class Rows(DecimatedSegments):
             new = np.flatnonzero(first == np.arange(len(rows)))
             for number in np.unique(segment[new]):
                 own = new[segment[new] == number]
+                # parts by its share of what is new, so that all are about alike
                 pieces = max(1, round(least * len(own) / len(new)))
                 for piece in np.array_split(own, pieces):
                     motion[rows[piece]] = count
                     count += 1
+            # what passes a state again belongs to the motion that passed it first
             motion[rows] = motion[rows[first]]
         return motion
 

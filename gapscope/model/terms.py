@@ -135,6 +135,7 @@ class Terms:
             elif effect.reach == "motor":
                 joints = motors
             count = effect.fitted.linear * len(joints)
+            # one row for each coordinate, one column for each joint, link or motor
             block = self.size + np.arange(count).reshape(-1, len(joints))
             self._by_effect[effect.name] = tuple(
                 Term(effect.name, joint, tuple(places))
@@ -161,6 +162,7 @@ class Terms:
             if isinstance(term.definition, External):
                 times = term.parametrisation.nonlinear
                 bounds = {p.name: p.bounds for p in term.definition.parameters}
+                # the widest times that are allowed: a force that acts all along
                 out[term] = tuple(bounds[name][k] for k, name in enumerate(times))
         return out
 
@@ -184,11 +186,13 @@ class Terms:
         Raises:
             InputError: a value lies outside the bounds of its parameter.
         """
+        # a value of zero is no effect; one that was asked for is told whatever it is
         if terms is None:
             chosen = [t for t in self.all if theta[list(t.columns)].any()]
         else:
             wanted = frozenset(terms)
             chosen = [t for t in self.all if t in wanted]
+        # joints of one effect are one applied effect, changed links one each
         found: dict[str, list[Term]] = {}
         for term in chosen:
             found.setdefault(term.finding, []).append(term)
@@ -202,10 +206,12 @@ class Terms:
         if effect.fitted.nonlinear:
             shape = np.array([self.shapes[t] for t in group]).T
         values = dict(effect.values_at(linear, shape))
+        # of the arm or a link there is one value, and no axis of joints
         if effect.scope != "joint":
             values = {
                 name: np.squeeze(value, axis=-1) for name, value in values.items()
             }
+        # in files the link is a parameter like others
         if effect.scope == "link":
             values = {"link": np.array(float(group[0].joint)), **values}
         return AppliedEffect(

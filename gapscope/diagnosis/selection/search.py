@@ -126,10 +126,14 @@ class SheetSearch(Search):
     """What all recordings show beside the data sheet."""
 
     progress: Progress = lambda message: None
+    # columns with searched forms as wide as friction, of which noise is learnt
     _wide: Equations | None = None
+    # RMS torque of what the last round found, whose form is not quite the law's
     _sized: dict[Term, float] = field(default_factory=dict)
+    # numbers of ``ERRORS``: that which is asked first, and the largest that is asked
     _likeliest: int = ERRORS.index(INERTIAL_ERROR)
     _most: int = len(ERRORS) - 1
+    # sets beside which compliance has been looked for
     _stiff: set[frozenset[Candidate]] = field(default_factory=set)
 
     @property
@@ -167,29 +171,36 @@ class SheetSearch(Search):
             torque: what that does, over the joints' scale, (M, n).
         """
         known, visited = known or {}, []
+        # a round: the search beside noise and form error that leave out what is known
         for _ in range(ROUNDS):
             fit = self._beside(known, torque)
             if fit.mine:
                 self.progress(f"finds {_described(fit)}")
             visited.append(fit.values)
+            # simulations are costly: compliance is asked once of each set
             stiff, self._stiff = self._stiff, self._stiff | {frozenset(fit.mine)}
             bent = None if frozenset(fit.mine) in stiff else self._compliant(fit)
             if bent is None and set(fit.mine) == set(known):
                 break
+            # what bends is known from now on: the next round looks beside it
             fit = bent or fit
             known, torque = fit.values, self._torque(self.least_squares(fit))
+            # nature's form of a law differs a little: so much torque may be that
             self._sized = {one.term: self._size(fit, one) for one in fit.mine}
         # rounds may go in circles: what each of them found competes beside the noise of the last one
         every = [self.with_some(list(values), values) for values in [*visited, known]]
         fit = self._pruned(max(every, key=lambda one: one.total))
+        # the empty set has to be among those that compete
         self._fit((), {}, {})
         best = self._with_growth(fit)
         least = self._totals[frozenset()]
         sets = {
             some: total - least
             for some, total in self._totals.items()
+            # values that cannot be have no probability
             if np.isfinite(total)
         }
+        # last, by what tells them apart: evidence beside form error does not
         for name, other in self._equivalents:
             best, sets = self._told_apart(best, sets, name, other)
         odds = {one: self._weigher(best.own).odds([one]) for one in best.mine}
@@ -223,6 +234,7 @@ class SheetSearch(Search):
         """The same, each joint's rows by the mean square that is left there, (n,)."""
         contrast, error = fit.contrast, fit.contrast.error
         prior = contrast.design.prior.copy()
+        # bodies alone may be off: all else that is shared would take part of effects
         prior[10 * self.arm.arm.n_joints :] = 0.0
         # neighbours resemble each other as those of the noise do
         asked = contrast.without_form(left2 * error.noise2 / error.white2, prior)
@@ -251,6 +263,7 @@ class SheetSearch(Search):
         """
         by_name = {(one.effect, one.term.joint): one for one in fit.own.candidates}
 
+        # terms keep their joint when their effect is told by the other name
         def renamed(one: Candidate, to: str) -> Candidate:
             twin = by_name.get((to, one.term.joint), one)
             return twin if one.effect in (name, other) else one
@@ -269,6 +282,7 @@ class SheetSearch(Search):
         best = max(likely, key=lambda some: likely[some])
         if best == frozenset(fit.mine):
             return fit, sets
+        # the old name loses what least squares say, the sets with it as well
         lost = likely[best] - likely[frozenset(fit.mine)]
         to = next(one.effect for one in best if one.effect in (name, other))
         out: Sets = {}
@@ -304,6 +318,7 @@ class SheetSearch(Search):
         theta[: len(self.arm.theta)] = self.arm.theta
         arm = replace(self.arm, arm=bare, theta=theta)
         other = SheetSearch(self.rows, arm, self.sets, self.taught_by, self.days)
+        # forms of laws on joints were searched already: motors change none of them
         other._found = dict(self._found)
         return other
 
@@ -318,6 +333,7 @@ class SheetSearch(Search):
         self._linearise(1, torque)
         self._prepare()
         if first:
+            # once: what the arm of the data sheet predicts does not change
             self._scanner = Scanner(self.rows, self.arm, None)
 
     def _beside(self, known: Values, torque: np.ndarray | float) -> Fit:
@@ -337,11 +353,14 @@ class SheetSearch(Search):
         # as long as nothing is named, effects may pass for errors of all bodies
         kept = dict(self.__dict__)
         self._most = self._likeliest = ERRORS.index(INERTIAL_ERROR)
+        # what was fitted beside larger errors does not count
         self._fits, self._totals, self._top = {}, {}, None
         good = self._searched_about(known)
+        # the second look leaves no trace but what it found
         self.__dict__.update(kept)
         if not good.mine:
             return fit
+        # with all errors to choose from, less what nobody could see
         again = self._pruned(self.with_some(list(good.values), good.values))
         other = self._searched_about(again.values)
         return max(fit, again, other, key=lambda one: one.total)
@@ -363,6 +382,7 @@ class SheetSearch(Search):
         if self._wide is None:
             made = design(self.rows, self.arm, self._shapes)
             self._wide = Equations.of(replace(made, prior=_with_forms(made)))
+        # a row that says nothing has no gap, and none is to be added
         made, beside = self._wide.design, self._wide
         if np.any(known):
             gap = made.gap - known * (self.rows.measured > 0)
@@ -375,12 +395,14 @@ class SheetSearch(Search):
                 rigid[places] = 0.0
             if term.parametrisation.nonlinear:
                 rigid[places] = plain[places] = 0.0
+        # bodies of every quality, rigid: that which predicts best shows what is noise
         sheets = [np.minimum(rigid, self._of_sheet(made, error)) for error in ERRORS]
         priors = [made.prior, plain, rigid, *sheets]
         if len(np.unique(self.rows.recording)) > 1:
             good = sheets[ERRORS.index(INERTIAL_ERROR)]
             priors += _by_family(made, good)
         self._taught = learn(beside, self.taught_by, priors=priors)
+        # columns hold the whole gap: what is known is left out of the noise alone
         self._first = replace(self._wide, design=self._taught.primed(made))
 
     def _believed(self, made: Design) -> Design:
@@ -388,14 +410,17 @@ class SheetSearch(Search):
         n = self.arm.arm.n_joints
         columns, active, noisy = [], [], {}
         for j, (x, every) in enumerate(zip(made.columns, made.active, strict=True)):
+            # bodies, then all else: of a joint those of links that move it
             of_bodies = every < 10 * n
             bodies = np.zeros((len(x), 10 * n))
             bodies[:, every[of_bodies]] = x[:, of_bodies]
             bodies = bodies @ self._of_errors
+            # an error that moves no torque of the joint is no column of it
             shown = np.flatnonzero((bodies**2).mean(axis=0) > MIN_TORQUE**2)
             own = np.concatenate([shown, every[~of_bodies]])
             columns.append(np.hstack([bodies[:, shown], x[:, ~of_bodies]]))
             active.append(own)
+            # columns made of the recorded torque have moved to other places
             for (joint, at), passed in made.noisy.items():
                 if joint == j:
                     noisy[j, int(np.searchsorted(own, every[at]))] = passed
@@ -450,6 +475,7 @@ class SheetSearch(Search):
             # all of them together are no more than that
             share = FORM_OF_FOUND / np.sqrt(len(on_joint))
             for term, size in zip(on_joint, sizes, strict=True):
+                # what is smaller may be the form of what is larger
                 larger = np.linalg.norm(sizes[sizes > size])
                 out[made.places[term]] = share * float(larger)
         return out
@@ -476,16 +502,20 @@ class SheetSearch(Search):
                 continue
             last = self.arm.body.last_link
             link = last if one.term.is_load else one.term.joint - 1
+            # the six moments of inertia behind mass and first moment
             own = slice(10 * link + 4, 10 * link + 10)
             moments = np.zeros(self._equations.design.size)
             bound = abs(float(value[0])) * LOAD_RADIUS**2
+            # of a body without extent no moment has a column
             shown = sizes[own] > 0
+            # even between both bounds: a third of the square
             moments[own][shown] = (bound / sizes[own][shown]) ** 2 / 3.0
             if moments.any():
                 out.append((EVERYONE, moments))
         return out
 
     def _suited(self, fit: Fit) -> Fit:
+        # errors of the bodies are summed over: functions keep their learnt sizes
         return fit
 
     def _within(
@@ -497,6 +527,7 @@ class SheetSearch(Search):
         made = self._equations.design
         prior = made.prior.copy()
         prior[: 10 * self.arm.arm.n_joints] = error
+        # what is not shared stays so
         prior += self._forms(made, sized) * (prior > 0)
         return contrast.with_prior(prior)
 
@@ -512,6 +543,7 @@ class SheetSearch(Search):
         def total(number: int) -> float:
             """Log probability with errors of a size."""
             error = ERRORS[number]
+            # each size is asked once, and only if need be
             if error not in levels:
                 asked = self._within(contrast, error, [one.term for one in chosen])
                 fit = super(SheetSearch, self)._weighed(
@@ -522,8 +554,10 @@ class SheetSearch(Search):
             return levels[error].total
 
         numbers = range(self._most + 1)
+        # from the likeliest size of the last hypothesis and its neighbours uphill
         near = [k for k in numbers if abs(k - self._likeliest) < 2]
         while True:
+            # beside nothing the errors have to explain all: every size is asked
             best = max(near if chosen else numbers, key=total)
             near = [k for k in numbers if abs(k - best) < 2]
             if max(near, key=total) == best:
@@ -535,6 +569,7 @@ class SheetSearch(Search):
         return replace(fit, levels=levels, total=every, sharp=every)
 
     def _proposals(self, fit: Fit, *, everybody: bool = False) -> Iterator[Promise]:
+        # with one group everybody's is the group's own
         if everybody:
             return
         best: dict[Candidate, Promise] = {}
@@ -543,6 +578,7 @@ class SheetSearch(Search):
             if not np.isfinite(level.total):
                 continue
             for total, one, value in super()._proposals(level):
+                # summed over sizes, with the value at the likeliest, which comes last
                 here = total + _log_prior(error)
                 if one in best:
                     here = float(np.logaddexp(here, best[one].total))
@@ -560,6 +596,7 @@ class SheetSearch(Search):
 
     def torque_nrmse(self, left: np.ndarray) -> np.ndarray:
         """``torque_nrmse`` of what is left, over the joint's scale on rows by trust, (M, n): (n,)."""
+        # ``torque_nrmse`` counts all rows alike: trust is taken out again
         rows = left / np.maximum(self.rows.trust, MIN_TORQUE)
         return np.asarray(np.sqrt((rows**2).mean(axis=0)))
 
@@ -573,6 +610,7 @@ class SheetSearch(Search):
         """How much of the gap of some joint more terms close, with errors of the data sheet taken out or not."""
         plain = float((self._visible(_left(few)) - self._visible(_left(many))).max())
         beside = float((self._visible(few.left) - self._visible(many.left)).max())
+        # what closes nothing by itself is no finding, whatever errors do beside it
         return max(plain, beside) if plain > 0 else plain
 
     def _pruned(self, fit: Fit) -> Fit:
@@ -584,6 +622,7 @@ class SheetSearch(Search):
         def term(one: Candidate) -> Hashable:
             return one.term
 
+        # whole findings first: one joint of several may be faint
         for least, part in ((VISIBLE_EFFECT, finding), (VISIBLE_TERM, term)):
             while fit.mine:
                 without = {
@@ -601,6 +640,7 @@ class SheetSearch(Search):
                 closed, faintest = min(
                     (self._closed(few, fit), k) for k, few in enumerate(fewer)
                 )
+                # the faintest goes, and the rest is asked again without it
                 if closed >= least:
                     break
                 fit = fewer[faintest]
@@ -616,6 +656,7 @@ class SheetSearch(Search):
 
     def _may_bend(self, fit: Fit) -> set[int]:
         """Joints whose torque looks, to first order, more likely as that of a compliant joint than not."""
+        # an encoder at the joint sees no deflection: the bodies move as recorded
         if self.arm.arm.encoder != "motor":
             return set()
         # where less is left than a person can see, nothing closes so much
@@ -626,6 +667,7 @@ class SheetSearch(Search):
             if isinstance(one.term.definition, Transmission)
             and left[one.term.joint - 1] >= VISIBLE_EFFECT
         ]
+        # a joint bends or rattles, but not both
         taken = {one.term.joint for one in compliant if one in fit.chosen}
         further = [one for one in compliant if one.term.joint not in taken]
         every = fit.own.additions(fit.chosen, fit.answer.sizes, further)
@@ -637,12 +679,14 @@ class SheetSearch(Search):
         joints = self._may_bend(fit)
         if not joints:
             return None
+        # trials move noise, columns and caches of this search: they are put back
         gap, kept, best = Scan(self, fit, joints), dict(self.__dict__), None
         for term, start in gap.starts():
             one = Candidate(term, EVERYONE)
             values, gain = gap.refined(term, start)
             known = {**fit.values, one: values}
             torque = self._torque(fit) + gap.added(term, values)
+            # noise beside the values, values beside that noise, and once more
             for _ in range(2):
                 self._linearise(1, torque)
                 self._prepare()
@@ -650,9 +694,11 @@ class SheetSearch(Search):
                 known, torque = larger.values, self._torque(larger)
             odds = self._weigher(larger.own).odds
             gain += odds(larger.chosen) - odds(fit.chosen)
+            # values that cannot be are never seen
             shown = np.isfinite(larger.total) and self._closed(fit, larger)
             better = best is None or gain > best[0]
             if gain > 0 and shown >= VISIBLE_EFFECT and better:
+                # its noise and columns belong to it: the search goes on with them
                 best = gain, larger, dict(self.__dict__)
         self.__dict__.update(kept if best is None else best[2])
         return None if best is None else best[1]
@@ -711,10 +757,12 @@ class Scan:
     def __init__(self, search: SheetSearch, fit: Fit, joints: Collection[int]) -> None:
         self._rows, made = search.rows, fit.contrast.design
         arm, theta = search.arm, search.arm.theta.copy()
+        # what bends carries the bodies as they were found
         for one, value in fit.values.items():
             theta[list(one.term.columns)] += value
         corrected = arm.corrected(made.terms, made.terms.clipped(theta))
         self._bodies = CompliantBodies(self._rows, arm.body, corrected)
+        # a joint that moves no mass has no resonance
         self._terms = [
             term
             for term in made.terms.all
@@ -725,6 +773,7 @@ class Scan:
         error = fit.contrast.error
         self._left = _left(fit)
         count = (self._rows.trust**2).sum(axis=0)
+        # rows that count, neighbours in time once
         self._count = count * error.white2 / error.noise2
         self._bases = [
             _basis(x, made.prior[active], noise2)
@@ -748,10 +797,12 @@ class Scan:
         left, own = map(self._beside_shared, (self._left[None], torques))
         before = self._squares(left)
         if scaled:
+            # by joint: what has much left counts less
             weight = self._count / before[0]
             along = np.einsum("kmn,kmn,n->k", left, own, weight, optimize=True)
             share = np.clip(along / (self._squares(own) @ weight), 0.0, 1.0)
             own = share[:, None, None] * own
+        # the variance of each joint is as likely as can be, before and after
         return np.asarray(np.log(before / self._squares(left - own)) @ self._count / 2)
 
     def _beside_shared(self, series: np.ndarray) -> np.ndarray:
@@ -780,6 +831,7 @@ class Scan:
                 best = int(np.argmax(gains))
                 found.append((float(gains[best]), term, every[best]))
         found.sort(key=lambda start: -start[0])
+        # one that explains half as much may explain more once it is fitted
         least = max(found[0][0] / 2, 0.0) if found else 0.0
         return [(t, x) for gain, t, x in found[:STARTS_FITTED] if gain >= least]
 
@@ -789,6 +841,7 @@ class Scan:
 
     def refined(self, term: Term, start: np.ndarray) -> tuple[np.ndarray, float]:
         """Values that explain most, from a start, and how much, less what their number makes of chance [nats]."""
+        # logarithms: stiffness and width are positive, and span decades
         logs, lost = np.log(np.maximum(start, 1e-12)), 0.0
         # a resonance that is not quite right explains little at its full size
         for scaled, step in ((True, 0.3), (False, 0.1)):
@@ -806,12 +859,14 @@ class Scan:
                 },
             )
             logs, lost = found.x, float(found.fun)
+        # each value costs half the logarithm of the count, as by the Bayesian criterion
         chance = len(logs) * float(np.log(self._count.max())) / 2
         return np.exp(logs), -lost - chance
 
 
 def _basis(columns: np.ndarray, prior: np.ndarray, noise2: float) -> np.ndarray:
     """Columns Q, (M, K), with y - Q Q^T y what is left of y beside what is shared, as the prior has it."""
+    # ridge regression: the prior as further rows, of whose QR the upper part is kept
     scaled = columns[:, prior > 0] * prior[prior > 0] / np.sqrt(noise2)
     both = np.vstack([scaled, np.eye(scaled.shape[1])])
     return np.asarray(np.linalg.qr(both)[0][: len(columns)])

@@ -52,12 +52,15 @@ def undeclared_coupling(
     """
     pairs = [(j, j + 1) for j in open_joints if j + 1 in open_joints]
     if searching.arm.arm.coupled_motors or not pairs:
+        # of declared motors friction is searched already
         return None
     found = []
     for ratio in (1.0, -1.0):
+        # row k of the coupling is motor k: it turns by q_k + r q_j
         coupling = np.eye(searching.arm.arm.n_joints)
         for _, motor in pairs:
             coupling[motor - 1, motor - 2] = ratio
+        # other columns, and so another noise: what was found is fitted again
         coupled = searching.with_motors(coupling)
         known = coupled.beside_known(fit)
         found += [_weighed(coupled, known, *pair, ratio) for pair in pairs]
@@ -83,10 +86,12 @@ def _weighed(
         for one in frictions
         if one.effect in alike and one.term.joint in (joint, motor)
     ]
+    # joints get friction of their own first: what differs is the motor's alone
     apart = searching.with_some([*fit.mine, *own], fit.values)
     common = searching.with_some([*apart.mine, *shared], apart.values)
     if not set(shared) & set(common.mine):
         return None
+    # one motor turns both joints: on each of them less has to be left
     places = [joint - 1, motor - 1]
     left = [searching.torque_nrmse(one.left)[places] for one in (common, apart)]
     if (1.0 - left[0] / left[1]).min() < COUPLING_CLOSES:
