@@ -54,6 +54,7 @@ def change_point(values: np.ndarray, stds: np.ndarray) -> ChangePoint:
     # relative to their mean and to the least deviation: no overflow, no loss of digits
     unit, origin = stds.min(), values.mean()
     weights = (unit / stds) ** 2
+    # sums up to each k: weighted means before and after it follow at once
     left = np.cumsum(weights)
     sums = np.cumsum(weights * (values - origin) / unit)
     total = left[-1]
@@ -91,9 +92,11 @@ def change_points(
     found = change_point(values, stds)
     if found.p > level:
         return ()
+    # both sides of a change may hold further ones
     k = found.position
     earlier = change_points(values[:k], stds[:k], level)
     later = change_points(values[k:], stds[k:], level)
+    # places count from the beginning of the whole
     moved = (replace(change, position=change.position + k) for change in later)
     return (*earlier, found, *moved)
 
@@ -109,10 +112,12 @@ def _exceedance(bound: float, fractions: np.ndarray) -> float:
         bound: b.
         fractions: u_k, (n - 1,).
     """
+    # beyond on either side
     each = 2 * ndtr(-bound)
     u, following = fractions[:-1], fractions[1:]
     correlation = np.sqrt(u * (1 - following) / (following * (1 - u)))
     both = 0.0
+    # both on one side, or on opposite ones, which is a correlation of -r
     for r in (correlation, -correlation):
         above = ndtr(-bound) - 2 * owens_t(bound, np.sqrt((1 - r) / (1 + r)))
         both += 2 * float(above.sum())
@@ -136,6 +141,7 @@ def appearance(found: Sequence[bool]) -> tuple[int, float]:
     if n < SHORTEST_HISTORY or m in (0, n):
         return 0, 1.0
     k = np.arange(1, n)
+    # of drawing without replacement
     std = np.sqrt(m * (n - m) * k * (n - k) / (n**2 * (n - 1)))
     z = (np.cumsum(found)[:-1] - k * m / n) / std
     best = int(np.abs(z).argmax())
@@ -145,6 +151,7 @@ def appearance(found: Sequence[bool]) -> tuple[int, float]:
 def _random_order(n: int, m: int, distance: np.ndarray) -> float:
     """Share of the orders of m among n in which some |S_k - k m / n| reaches its distance, (n - 1,)."""
     counts = np.arange(m + 1)
+    # how likely each count is, of orders that have stayed within all distances
     inside: np.ndarray = np.zeros(m + 1)
     inside[0] = 1.0
     for k in range(1, n + 1):
@@ -154,6 +161,7 @@ def _random_order(n: int, m: int, distance: np.ndarray) -> float:
         unnamed[1:] += named[:-1]
         inside = unnamed
         if k < n:
+            # rounding does not turn a tie into a miss
             inside[np.abs(counts - k * m / n) >= distance[k - 1] - 1e-9] = 0.0
     return float(min(1.0, max(0.0, 1.0 - inside.sum())))
 

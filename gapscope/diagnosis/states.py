@@ -47,6 +47,7 @@ class Increment:
 
     def __add__(self, other: Increment) -> Increment:
         """Both together, seen where this one is."""
+        # taken as independent
         deviation = np.hypot(self.deviation, other.deviation)
         return replace(self, value=self.value + other.value, deviation=deviation)
 
@@ -84,6 +85,7 @@ class OtherState:
         """
         theta, base = theta.copy(), np.broadcast_to(least, theta.shape)
         for term, increment in self.increments.items():
+            # the same term of another table, where its places may be others
             (own,) = (t for t in terms.of(term.effect) if t.joint == term.joint)
             places = list(own.columns)
             theta[places] += increment.value
@@ -101,6 +103,7 @@ class OtherState:
             for term, acts in terms.forces.items()
             if (term.effect, term.joint) in mine
         }
+        # a force of where the arm was diagnosed does not act here
         elsewhere = theta.copy()
         for term in forces:
             elsewhere[list(term.columns)] = 0.0
@@ -165,10 +168,12 @@ def states_of(
     if not (others or changes):
         return States(found)
     like = _like(case) if others else {}
+    # what recordings have all along, by name
     between = {name: s.increments for s in others for name in s.place.recordings}
     spans: list[OtherState] = []
     for recording in whole:
         name = recording.name
+        # of a recording only the part that was compared may be left
         part = next(
             (r for r in (*case.recordings, *case.judged) if r.name == name), None
         )
@@ -190,6 +195,7 @@ def _like(case: Case) -> dict[str, str]:
     """
     if not case.judged:
         return {}
+    # fitted and judged ones together, so that they can share states
     found = compared(case, comparable((*case.recordings, *case.judged)))
     fitted, judged = ({r.name for r in some} for some in (case.recordings, case.judged))
     like: dict[str, str] = {}
@@ -205,6 +211,7 @@ def _others(found: Agreement) -> tuple[OtherState, ...]:
     first, *others = found.states
     return tuple(
         OtherState(
+            # one recording stands for all that share its state
             Place(tuple(found.recordings[k].name for k in numbers)),
             _beside(found, numbers[0], first[0]),
         )
@@ -221,6 +228,7 @@ def _beside(found: Agreement, number: int, first: int) -> Increments:
     mine = rows.of(number)
     scale = torque_scale(rows.torque[mine])
     parts: list[Increments] = []
+    # what it has, less what the recording of the first state has
     for sign, own in ((1.0, found.own(number)), (-1.0, found.own(first))):
         for one in own:
             units = np.eye(len(one.term.columns))
@@ -248,6 +256,7 @@ def _spans(
     """
     times = [-np.inf, *(change.time for change in changes), np.inf]
     moved = [{c.term: _increment(c, recording)} for c in changes]
+    # those before the part that was compared are in ``own``: undone, then added
     before = [
         {t: -x for t, x in m.items()}
         for m, c in zip(moved, changes, strict=True)
@@ -257,6 +266,7 @@ def _spans(
         # several may change at once
         if start == end:
             continue
+        # of the changes so far
         increments = _sum([own, *before, *moved[:k]])
         yield OtherState(Place((recording.name,), start, end), increments)
 

@@ -125,6 +125,7 @@ class CorrectedArm:
         """
         everywhere = np.ones(len(t), dtype=bool)
         mine = [s for s in self.states if recording in s.place.recordings]
+        # no recording is told apart, or this one is not known
         if not mine:
             return [(everywhere, replace(self, states=()))]
         return [
@@ -161,6 +162,7 @@ class CorrectedArm:
                     "say so in the case: nominal: {coupling: [{motor: 6, joint: 5, ratio: 1}]}",
                     where=applied.name,
                 )
+            # these add up at one place
             if isinstance(applied.effect, LinkChange | External):
                 continue
             here = {(applied.name, joint) for joint in applied.joints or (0,)}
@@ -173,6 +175,7 @@ class CorrectedArm:
                     where=applied.name,
                 )
             places |= here
+        # with the data sheet: what an effect takes away may not be more than there is
         for applied in self.effects:
             for quantity in applied.effect.quantities.values():
                 if quantity in NOT_NEGATIVE:
@@ -186,6 +189,7 @@ class CorrectedArm:
 
     def quantity(self, name: str) -> np.ndarray:
         """A quantity of the drives, a key of ``QUANTITIES``: the data sheet's and all that effects add, shape (n,)."""
+        # the data sheet states some of them, all others begin at zero
         sheet = SHEET.get(name)
         nominal = (
             np.zeros(self.arm.n_joints) if sheet is None else getattr(self.arm, sheet)
@@ -223,6 +227,7 @@ class CorrectedArm:
         A link's errors are those of the link itself, without a known body that it carries.
         """
         n = self.arm.n_joints
+        # of a link without the load that it is known to carry
         own = body.unladen.inertial_parameters().reshape(n, 10)
         out = np.zeros((n, 10))
         for applied in self.effects:
@@ -264,6 +269,7 @@ class CorrectedArm:
         """Torque of the bodies, against an external force too [N m], (N, n), without rotors and friction."""
         motion = replace(motion, q=self.true_position(motion.q))
         if any(isinstance(e.effect, Turn) for e in self.effects):
+            # gravity first, since what links gain or lack weighs in its direction
             unchanged = np.zeros((self.arm.n_joints, 10))
             gravity = self.base_rotation().T @ self.arm.gravity
             body = body.changed(unchanged, gravity)
@@ -296,6 +302,7 @@ class CorrectedArm:
         """Inverse dynamics of the links' motion [N m], (N, n), less what an external force does."""
         state = motion.q, motion.dq, motion.ddq
         torque = body.inverse_dynamics(*state)
+        # linear in what is added: no other body has to be made
         for link in np.flatnonzero(increments.any(axis=1)):
             torque = torque + body.link_regressor(link, *state) @ increments[link]
         for applied in self.effects:
@@ -303,6 +310,7 @@ class CorrectedArm:
                 force, start, end = applied.parameters.values()
                 active = applied.effect.active(motion.t, start, end) > 0
                 in_base = self.base_rotation().T @ force
+                # what the force does the motors need not
                 torque[active] -= body.force_torque(motion.q[active], in_base)
         return torque
 
@@ -315,6 +323,7 @@ class CorrectedArm:
         # theta - q under the torque through the transmission
         series, deflection = MotionSeries(motion), np.zeros_like(rigid)
         for effect, values in between:
+            # bent by the torque as if stiff, and late by the lag
             static = effect.deflection(rigid, *values)
             deflection += series.lagged(static, effect.lag(*values))
         ahead, ahead_rate, ahead_acceleration = slow_with_rates(deflection, motion)
@@ -338,11 +347,13 @@ class CorrectedArm:
         for law, values in self.of_kind(TorqueLaw):
             if law.reach == "motor":
                 continue
+            # friction comes last: it follows the direction, and drifts
             if law.family == "friction":
                 friction.append((law, values))
                 continue
             torque = torque + law.law(Signals(t, position, motor.dq, torque), *values)
         direction = _direction(motor.q, motor.dq, arm)
+        # the data sheet's friction drifts like all other
         factor = self.drift(motion.t)
         plain = arm.coulomb * direction + arm.viscous * motor.dq
         torque = torque + factor * plain
@@ -363,6 +374,7 @@ class CorrectedArm:
         inertia = self.quantity("motor_rotor")
         if drives is None or not (laws or inertia.any()):
             return 0.0
+        # motor speeds are C dq, and by equal power torques are C^T of the motors'
         position, speed = motion.q @ drives.T, motion.dq @ drives.T
         torque = inertia * (motion.ddq @ drives.T)
         direction = _direction(position, speed, self.arm)
@@ -390,6 +402,7 @@ class CorrectedArm:
             return needed
         true = replace(motion, q=self.true_position(motion.q))
         series = MotionSeries(true, many=needed.ndim == 3)
+        # the place nearest to the joint acts last on a torque, and is undone first
         for effect, values in sorted(path, key=lambda item: -item[0].place):
             needed = effect.inverse(needed, series, *values)
         return needed
@@ -404,6 +417,7 @@ class CorrectedArm:
 
     def delivered(self, recorded: np.ndarray) -> np.ndarray:
         """The part of a recorded torque that remains [N m], (N, n), after saturation."""
+        # saturation alone: what delays or scales is undone on the other side
         for effect, values in self.of_kind(Path):
             if effect.limits:
                 recorded = effect.applied(recorded, None, *values)

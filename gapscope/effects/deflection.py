@@ -34,10 +34,12 @@ class SpringRecursion:
     def __init__(self, m: np.ndarray, d: np.ndarray, k: np.ndarray) -> None:
         self._moving = np.diagonal(m, axis1=1, axis2=2)[0] > 0
         moves = self._moving[:, None]
+        # a row without mass is k x[i+1] = torque[i+1]: the step does not look back
         lead = np.where(moves, (m + d)[1:-1], k[2:])
         now = np.where(moves, (k - 2 * m)[1:-1], 0.0)
         before = np.where(moves, (m - d)[1:-1], 0.0)
         self._inverse = _inverse(lead)
+        # the static value, the least one where a stiffness is missing
         self._at_rest = np.linalg.pinv(k[0], rcond=1e-9)
         self._band = _band(self._inverse @ now, self._inverse @ before)
 
@@ -58,6 +60,7 @@ class SpringRecursion:
         """
         # one more of k or d pushes its own joint back by delta or its rate, at the sample that the step is about
         rate = np.where(self._moving, (delta[2:] - delta[:-2]) / (2 * h), 0.0)
+        # by the sample that each row of the recursion is about
         about = np.where(self._moving, delta[1:-1], delta[2:])
         by_stiffness = about + damping[1:-1] * rate
         blocks = [-self._inverse * x[:, None, :] for x in (by_stiffness, rate)]
@@ -66,6 +69,7 @@ class SpringRecursion:
 
     def _solve(self, start: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """Delta for R right-hand sides, (S, e, R): its first two samples (e, R), and what pushes the others."""
+        # from rest: both of the first samples are the same
         right = np.concatenate([start[None], start[None], pushed])
         flat = right.reshape(-1, right.shape[2])
         found, _ = dtbtrs(self._band, flat, uplo="L", diag="U")
@@ -358,6 +362,7 @@ def _play(
     start = flank + float(torque[0]) / k
     now, before = start, start
     inertia = (m / h**2).tolist()
+    # (m / h^2 + c / h + g) new = push + m / h^2 (2 now - before) + c / h now
     drag = (c / h).tolist()
     inside = (m / h**2 + c / h + g).tolist()
     push = torque.tolist()

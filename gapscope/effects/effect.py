@@ -178,11 +178,13 @@ class Effect:
             x: linear coordinates around which to differentiate, (linear, m).
             searched: nonlinear parameters, (s, m).
         """
+        # about zero a step of its own, about a value one in proportion to it
         begun = self.fitted.step or DIFFERENCE
         steps = np.where(x != 0, RELATIVE_DIFFERENCE * np.abs(x), begun)
         out = np.empty((*at.rigid.shape, *x.shape))
         for i, j in np.ndindex(*x.shape):
             moved = np.zeros_like(x)
+            # one coordinate of one place at a time: each moves the torque of all joints
             moved[i, j] = steps[i, j]
             above, below = (at.rigid_with(self, x + side) for side in (moved, -moved))
             out[:, :, i, j] = (above - below) / (2 * steps[i, j])
@@ -201,6 +203,7 @@ def derivative(
     step: float = DIFFERENCE,
 ) -> np.ndarray:
     """Derivative of a function by coordinates x, (linear,), by central differences; they come last, (..., linear)."""
+    # one step for all coordinates, each moved both ways
     steps = step * np.eye(len(x))
     pairs = [function(x + side) - function(x - side) for side in steps]
     return np.stack(pairs, axis=-1) / (2 * step)
@@ -362,9 +365,11 @@ class LinkChange(Inertial):
         """Derivative of the ten parameters of a link, from 0, that has ``own``, by coordinates x, (10, linear)."""
         if self.tangent_at is not None:
             return self.tangent_at(x)
+        # a law of a link begins with the number of the link
         where = (np.array(link + 1.0),) if self.scope == "link" else ()
 
         def change(x: np.ndarray) -> np.ndarray:
+            # one place, of which the axis is dropped
             values = self.fitted.values(x[:, None], np.zeros((0, 1)))
             named = [np.squeeze(values[name], axis=-1) for name in values]
             return self.change(own, *where, *named)
@@ -373,11 +378,13 @@ class LinkChange(Inertial):
 
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """The inertial regressor of each link times the derivative of its ten parameters."""
+        # a load is the last link's, errors may be any link's
         links = [at.last_link] if self.scope == "arm" else range(len(at.inertials))
         columns = [
             at.link_regressor(link) @ self.tangent(at.inertials[link], link, own)
             for link, own in zip(links, x.T, strict=True)
         ]
+        # places come last: joints, links or the arm
         return np.stack(columns, axis=3)
 
 
@@ -390,6 +397,7 @@ class Turn(Inertial):
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """G times the derivative of gravity in the base frame, R^T g."""
 
+        # gravity as the turned base sees it
         def gravity(x: np.ndarray) -> np.ndarray:
             return self.rotation(*x).T @ at.gravity
 
@@ -465,9 +473,11 @@ class Sensing(Effect):
         """What moves the true positions changes the bodies' torque as their position does."""
 
         def true(moved: np.ndarray) -> np.ndarray:
+            # all joints at once, since each reads its own position alone
             values = self.fitted.values(x + moved[:, None], searched)
             return self.true(at.motion.q, *values.values())
 
+        # torque of joint i by the position of joint j, times that by a coordinate
         by_x = np.moveaxis(derivative(true, np.zeros(len(x))), 2, 1)
         return at.sensitivities[0][:, :, None] * by_x[:, None]
 

@@ -69,9 +69,11 @@ class Grid:
         """The values, (points,), or some about one that is known."""
         unit = self._unit(series)
         if known is None:
+            # a unit may be next to nothing: no value is below the least
             first = max(unit * self.lowest, self.least)
             last = max(unit * self.highest, self.least)
             return np.geomspace(first, last, self.points)
+        # to both sides of it in equal ratios, itself in the middle
         near = known * np.geomspace(0.6, 1 / 0.6, 13)
         least, most = unit * self.bounds[0], unit * self.bounds[1]
         return np.clip(near, max(least, self.least), most)
@@ -141,6 +143,7 @@ def linear_in(
         lambda x, _: {parameter.name: x[0]},
         step=step,
         lowest=lowest,
+        # the typical range may reach to both sides of zero
         usual=max(map(abs, parameter.typical)) if sized else np.inf,
         data_sheet=data_sheet,
         clip=lambda x: np.clip(x, *parameter.bounds),

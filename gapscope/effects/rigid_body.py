@@ -27,6 +27,7 @@ def link_change(
     """
     old = float(own[0])
     centre = own[1:4] / old if old != 0 else np.zeros(3)
+    # inertia about the centre of mass: what is beside a point mass there
     about_centre = own - point_mass_parameters(old, centre)
     new = old + float(mass)
     moved = point_mass_parameters(new, centre + com)
@@ -50,6 +51,7 @@ def payload_tangent(x: np.ndarray) -> np.ndarray:
 def clip_payload(x: np.ndarray) -> np.ndarray:
     """Mass moved into its bounds, first moment to where the centre of mass lies within its own."""
     mass = np.clip(x[0], *LOAD_MASS.bounds)
+    # the centre of mass is first moment over mass: its bounds grow with the mass
     farthest = np.abs(mass) * LOAD_COM.bounds[1]
     return np.vstack([mass, np.clip(x[1:], -farthest, farthest)])
 

@@ -45,6 +45,7 @@ class MotionSeries:
         out = np.array(series)
         for joint in np.flatnonzero(time):
             column = series[..., joint]
+            # beyond the ends it stays as it is there
             moved = np.clip(t + time[joint], t[0], t[-1])
             (out[..., joint],) = _MOVED.get(
                 "shifted", (t, column, moved), partial(_at, t, column, moved)
@@ -67,6 +68,7 @@ class MotionSeries:
             mean = (1.0 - keep) * time / dt
             newer = 1.0 - mean
             older = mean - keep
+            # state of the filter as if the first value had been there for ever
             at_rest = u[:1] * (1.0 - newer)
             lagged, _ = lfilter([newer, older], [1.0, -keep], u, axis=0, zi=at_rest)
             out[..., joint] = lagged

@@ -187,13 +187,13 @@ class _Spans:
             _between(rows.t[rows.recording == number], some)
             for number, some in enumerate(ends)
         ]
+        # span k of a recording lies between ends k and k + 1, the outer two at infinity
         self.ends = [np.array([-np.inf, *some, np.inf]) for some in kept]
         # groups are numbered through all recordings: the first one of each of them
         first = np.cumsum([0, *(len(some) + 1 for some in kept)]).tolist()
         self.groups = [list(range(a, b)) for a, b in pairwise(first)]
         group, left_out = rows.group.copy(), np.zeros(len(rows.group), dtype=bool)
         smeared = SMEARED / rows.cutoff
-        # span k of a recording lies between ends k and k + 1, the outer two at infinity
         for number, some in enumerate(kept):
             mine = rows.recording == number
             group[mine] = first[number] + np.searchsorted(some, rows.t[mine])
@@ -478,7 +478,7 @@ def _louder(fit: Fit, odds: float) -> dict[int, tuple[float, float]]:
         # of variances: the logarithm of an RMS is half as large
         level, count = np.log(level), len(level)
         best = 0.0
-        # from the first motion of now on, so that two are left at least
+        # splits from the first motion of now on, with two left after each at least
         for first in range(
             int((begin < len(rows.t[rows.recording == 0])).sum()), count - 1
         ):
@@ -601,7 +601,7 @@ def _by_torque(
             if between is not None and between.fit.mine:
                 mine = {
                     (one.term, (group, -np.inf, np.inf)): value
-                    # as of each whole recording by itself: moments join beside that
+                    # each of these has it from first to last sample
                     for one, value in between.fit.values.items()
                     for group in one.groups or ()
                 }
@@ -636,7 +636,7 @@ def _by_torque(
             torque = 0.0
         candidates = [spans.candidate(*key) for key in mine]
         likely = dict(zip(candidates, mine.values(), strict=True))
-        # the odds count all sets of the look, though these are fewer: it chose them
+        # fewer sets than the look had, which chose among all of them: its odds hold
         found = spans.search(about, spans.sets(), len(sets)).run(likely, torque)
         settled = set(found.fit.mine) <= set(likely)
         # what joined without having been asked gets a moment by another look
@@ -695,7 +695,7 @@ def _changes(
     made = found.fit.contrast.design
     # by number of the recording and joint
     out: dict[tuple[int, int], list[tuple[Candidate, Change]]] = {}
-    # of each end of what it holds one change: it comes, or it goes
+    # one change for each end of what the hypothesis holds: it comes, or it goes
     for one in found.fit.mine:
         number, start, _ = spans.place(one)
 

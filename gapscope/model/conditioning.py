@@ -107,6 +107,7 @@ class Segment:
             return gap
         out, rows = gap.copy(), np.arange(len(gap))
         for j, missing in enumerate(self.unknown.T):
+            # a joint that was never measured has nothing to bridge from
             if missing.any() and not missing.all():
                 known = ~missing
                 out[missing, j] = np.interp(rows[missing], rows[known], gap[known, j])
@@ -190,6 +191,7 @@ def _acceleration_error(q: np.ndarray, rate: float, tried: np.ndarray) -> np.nda
     window = min(len(second), max(int(4 * rate), FEWEST_ROWS))
     frequency, density = welch(second, rate, nperseg=window, axis=0, detrend=False)
     frequency, density = frequency[1:], density[1:]
+    # power gain of a second difference: abs(1 - exp(-2 pi i f / rate))^4
     density = density / (2 * np.sin(np.pi * frequency / rate)[:, None]) ** 4
     noise = density[frequency > rate / 4].mean(axis=0)
     # of noise twice the sum over windows, over its density, is distributed as chi-squared
@@ -269,16 +271,20 @@ def jumps(recording: Recording) -> list[Jump]:
     step = np.diff(t)[:, None]
     velocity = np.diff(q, axis=0) / step
     departure = np.zeros_like(velocity)
+    # the velocity of a step less the mean of both neighbours, as a way
     departure[1:-1] = (velocity[1:-1] - (velocity[:-2] + velocity[2:]) / 2) * step[1:-1]
     found = []
     for j, series in enumerate(np.abs(departure).T):
         peaks, error = _standing_out(series)
+        # how far it moves in a sample, jumps aside
         moved = np.abs(np.diff(q[:, j]))
         moved[peaks] = 0.0
         for k in peaks:
             size, line = departure[k, j], _off_line(t, q[:, j], k)
+            # a wrong reading comes back to the line of before, a slip stays off it
             stays = abs(line) > abs(q[k + 1, j] - q[k, j]) / 2
             if series[k] > moved.max() and stays:
+                # of exact positions both errors are zero: then what numbers resolve
                 apart = max(error, abs(line - size), np.spacing(abs(size)))
                 found.append(Jump(k + 1, j, float(size), float(apart)))
     return sorted(found, key=lambda jump: jump.sample)
@@ -302,7 +308,9 @@ def _rows_lost(jump: Jump, speed: np.ndarray, recording: Recording) -> bool:
     """Whether the other joints may have moved on as far as lost rows would have let this one jump."""
     before = speed[max(0, jump.sample - 6) : jump.sample - 1].mean(axis=0)
     if before[jump.joint] * jump.size <= 0:
+        # lost rows let a joint jump on, not back
         return False
+    # for how long rows would be lacking [s]
     lost = jump.size / before[jump.joint]
     lines = [_off_line(recording.t, q, jump.sample - 1) for q in recording.q.T]
     # half of it is more than the lines can be wrong by
@@ -322,10 +330,13 @@ def without_slips(recording: Recording) -> Recording:
 def _standing_out(size: np.ndarray) -> tuple[list[int], float]:
     """Places of the few peaks that are ``STANDS_OUT`` times as large as all that is left without them, and that."""
     left, peaks = size.copy(), []
+    # one peak more than there may be jumps: it says how far all else departs
     for _ in range(MAX_JUMPS + 1):
         k = int(left.argmax())
         peaks.append((k, float(left[k])))
+        # a jump shows in its neighbours as well
         left[max(0, k - 3) : k + 4] = 0.0
+    # several alike stand out only together, from the next smaller one
     for count in range(MAX_JUMPS, 0, -1):
         if peaks[count - 1][1] > STANDS_OUT * peaks[count][1]:
             return [k for k, _ in peaks[:count]], peaks[count][1]
@@ -345,6 +356,7 @@ def _off_line(t: np.ndarray, q: np.ndarray, k: int) -> float:
     if min(len(before), len(after)) < 2:
         return 0.0
     middle = (t[k] + t[k + 1]) / 2
+    # the intercepts: both lines halfway between the two samples
     ends = [np.polyfit(t[some] - middle, q[some], 1)[1] for some in (before, after)]
     return float(ends[1] - ends[0])
 
@@ -391,6 +403,7 @@ def condition(recording: Recording, cutoff: float | None = None) -> list[Segment
 def thinned(segment: Segment, rate: float) -> Segment:
     """A segment decimated to no less than ``rate`` [Hz], its torques low-passed before."""
     own = segment.motion.rate
+    # the small number keeps a step that rounding would drop
     step = max(1, int(own / rate + 1e-6))
     filtered: dict[str, Any] = {
         name: _anti_aliased(getattr(segment, name), own, step)
@@ -429,6 +442,7 @@ def _segment(recording: Recording, span: slice, cutoffs: np.ndarray) -> Segment:
     grid = t[::step]
     # quintic: the second derivative is then a smooth cubic spline
     smooth = np.empty_like(q)
+    # joints that share a cut-off pass the filter together
     for cutoff in np.unique(cutoffs):
         mine = cutoffs == cutoff
         smooth[:, mine] = low_pass(q[:, mine], rate, float(cutoff))
@@ -484,6 +498,7 @@ def _unknown_torque(
     if not held.any():
         return None
     near = int(np.ceil(BRIDGED_GAP * recording.rate))
+    # a maximum over a window widens the mask to both sides
     widened = maximum_filter1d(held.astype(np.uint8), 2 * near + 1, axis=0)
     places = np.clip(np.searchsorted(t, grid), 0, len(t) - 1)
     return np.asarray(widened[places] > 0)

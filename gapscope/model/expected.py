@@ -65,9 +65,11 @@ def detectable(
     places = own.joined(fit.chosen)
     unit = own.deviations(fit.chosen, fit.answer.sizes)
     inner = own.products(places, places) * unit[:, None] * unit
+    # what was found takes its part of the information on a further term
     back = np.linalg.inv(inner + np.eye(len(places))) * unit[:, None] * unit
     known = weigher.odds(fit.chosen)
     rest = np.sqrt((fit.left**2).mean(axis=0))
+    # c x of sqrt(r^2 + c^2 x^2) = r + v
     seen = np.sqrt((rest + visible) ** 2 - rest**2)
     for one in own.candidates:
         mine = own.places(one)
@@ -78,6 +80,7 @@ def detectable(
         information = own.products(mine, mine) - cross.T @ back @ cross
         odds = weigher.odds([*fit.chosen, one]) - known - float(np.log(len(own.sizes)))
         widths = [own.deviations([one], [size]) for size in own.sizes]
+        # of the prior width that serves it best, as in a search
         sizes = [
             min(_size(information, width, odds, p) for width in widths)
             for p in (HALF, MOST)
@@ -110,11 +113,13 @@ def _size(
     middle = np.linalg.inv(information + np.diag(width**-2.0))
     told = middle @ information
     first = information[0]
+    # e^T S M S e and e^T S M S M S e
     slope, spread = (
         first @ middle @ first,
         first @ middle @ information @ middle @ first,
     )
     normal = np.eye(count) + width[:, None] * information * width
+    # what of the mean, and below of the variance, does not depend on the size
     charge = odds - float(np.linalg.slogdet(normal)[1]) / 2 + float(np.trace(told)) / 2
     scatter = float((told * told.T).sum()) / 2
     deviations = float(norm.ppf(probability))

@@ -85,6 +85,7 @@ def held_out(fit: Fit, group: int, terms: Sequence[Candidate]) -> Iterator[HeldO
         if motion is not None:
             own = fit.own.within(fit.contrast.without(group, [motion]))
             where = mine & (rows.motion == motion)
+        # of the sizes of the whole: a part is not to choose its own
         answer = own.answer(terms, [sizes[one] for one in terms])
         # what comes but once, or is there or not, is judged as it was fitted
         once = {
@@ -121,6 +122,7 @@ def explained(
     for (where, own, _), (_, _, answer) in zip(parts, valued, strict=True):
         left = fit.contrast.gap - own.torque(answer.values)
         if by_values is not None:
+            # errors stay a part of the gap: an arm that is corrected has them still
             likely = likely_errors(replace(fit, own=own), answer.values, group)
             errors[where] = design.shared_torque(likely)[where]
         else:
@@ -138,6 +140,7 @@ def explained(
     size = (rows.measured / rows.trust * rows.scale)[mine]
     after, scale = after[mine] * size, torque_scale(rows.torque[mine])
     left = np.sqrt((after**2).mean(axis=0))
+    # what is allowed for may be more than what is there
     floor = np.minimum(_floor(fit, mine) * rows.scale, left)
     torque = {one: x[mine] * size for one, x in torque.items()}
     trust = rows.trust[mine]
@@ -167,6 +170,7 @@ def _floor(fit: Fit, mine: np.ndarray) -> np.ndarray:
     for j, (x, active) in enumerate(zip(design.columns, design.active, strict=True)):
         rows = x[mine]
         known = covariance[np.ix_(active, active)]
+        # what a motion not seen has of its own, and what is not known of what is shared
         left2[j] += float((rows**2).mean(axis=0) @ contrast.error.own2[j])
         left2[j] += float(((rows @ known) * rows).sum() / len(rows))
     return np.sqrt(left2)

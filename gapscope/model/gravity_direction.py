@@ -54,6 +54,7 @@ def gravity_by_torque(
         x, y = x - basis @ (basis.T @ x), y - basis @ (basis.T @ y)
         gram += x.T @ x
         target += x.T @ y
+    # directions that no joint shows stay zero
     return np.linalg.lstsq(gram, target, rcond=1e-6)[0]
 
 
@@ -79,6 +80,7 @@ def turn_of_base(nominal: np.ndarray, found: np.ndarray) -> tuple[float, float] 
     def miss(turn: np.ndarray) -> np.ndarray:
         return tilt(*turn).T @ nominal / size - direction
 
+    # the nearest of a coarse grid first: there are several minima
     starts = itertools.product(np.arange(-3, 4) * np.pi / 3, (-1.0, 0.0, 1.0))
     nearest = min(starts, key=lambda turn: float(np.sum(miss(np.array(turn)) ** 2)))
     bounds = np.array([np.pi, np.pi / 2])
@@ -103,6 +105,7 @@ def as_mounted(arm: NominalArm, segments: Sequence[Segment]) -> NominalArm:
         assert segment.torque is not None
         of_gravity = own.gravity_regressor(motion.q)
         predicted = predicting.predict(own, motion)
+        # what the arm needs but for gravity is taken off
         torque.append(segment.torque - predicted + of_gravity @ arm.gravity)
         regressor.append(of_gravity)
         speed.append(motion.dq)
@@ -111,6 +114,7 @@ def as_mounted(arm: NominalArm, segments: Sequence[Segment]) -> NominalArm:
     found = gravity_by_torque(*every, deviation)
     if turn_of_base(arm.gravity, found) is None:
         return arm
+    # the size of gravity is known: only its direction is news
     found *= np.linalg.norm(arm.gravity) / np.linalg.norm(found)
     turned = replace(arm, gravity=found)
     after = _gap(turned, segments)

@@ -55,6 +55,7 @@ class Bodies:
         motion, last = self.segment.motion, 10 * self.body.last_link
         regressor = self.body.regressor(motion.q, motion.dq, motion.ddq)
         torque = regressor @ self.body.inertial_parameters()
+        # the whole is n times as large: the last link's part alone is asked for again
         self._kept = torque, regressor[:, :, last : last + 10].copy()
         return regressor
 
@@ -166,11 +167,13 @@ class LinearisationPoint:
         changed = self.arm.inertial_increments(self.bodies.body).any()
         if changed or self._moved:
             return self._changed.gravity_regressor(self.q)
+        # of the nominal arm: once, whatever is moved
         return self.bodies.gravity
 
     @property
     def unit_force(self) -> np.ndarray:
         """J^T by a force in the world frame at the last link's centre of mass, (N, n, 3) [m]."""
+        # the force is in the world frame, the bodies count in that of the base
         return self.bodies.force @ self.arm.base_rotation().T
 
     def link_regressor(self, link: int) -> np.ndarray:
@@ -208,6 +211,7 @@ class LinearisationPoint:
         theta, chosen = self.theta.copy(), self.terms.choosable(effect.name)
         for term, own in zip(chosen, x.T, strict=True):
             theta[list(term.columns)] = own
+        # what is zero there is off
         mine = [t for t in chosen if theta[list(t.columns)].any()]
         arm = self.with_terms(effect.name, theta, mine)
         return arm.rigid_torque(self.bodies.body, self.motion)
@@ -236,6 +240,7 @@ class LinearisationPoint:
         """By how much K arms whose bodies move as this one's predict another torque [N m], (N, K, n)."""
         own, motion = _path(self.arm), self.motion
         out = np.empty((len(self.rigid), len(arms), self.rigid.shape[1]))
+        # arms that differ on the way to the joint have each to be followed along it
         alike, needed = [], []
         for k, arm in enumerate(arms):
             torque = arm.needed_torque(self.rigid, motion)
@@ -253,6 +258,7 @@ class LinearisationPoint:
     def as_recorded(self, columns: np.ndarray) -> np.ndarray:
         """Columns of the bodies' torque, (N, n, K), as recorded: through friction, scale, delay and lag."""
         arm, motion, step = self.arm, self.motion, TORQUE_STEP * self.torque_size
+        # per joint and sample: what is recorded for a little more on the bodies
         above, below = (
             arm.recorded_torque(arm.needed_torque(self.rigid + side, motion), motion)
             for side in (step, -step)
@@ -265,6 +271,7 @@ class LinearisationPoint:
         delays = (values[0] for effect, values in arm.of_kind(Path) if effect.delays)
         ahead: np.ndarray = sum(delays, np.zeros(len(step)))
         if ahead.any():
+            # what arrives late is recorded early: x(t + T) = x + T dx/dt
             late = ahead[:, None] * np.gradient(columns, motion.t, axis=0)
             columns = columns + late
         return columns * gain[:, :, None]
@@ -272,6 +279,7 @@ class LinearisationPoint:
 
 def _path(arm: CorrectedArm) -> list[int]:
     """Which effects lie between the recorded torque and the joint."""
+    # moved arms hold the same objects for all effects that were not moved
     return [id(e) for e in arm.effects if isinstance(e.effect, Path)]
 
 
@@ -293,6 +301,7 @@ def columns(
     wanted = [e for e in terms.definitions if only is None or e.name in only]
     out = np.zeros((len(data.time(segment)), at.arm.arm.n_joints, terms.size))
     moves = [move for effect in wanted for move in _moves(at, effect)]
+    # moved arms are predicted together, as many as memory allows
     at_once = max(1, MAX_NUMBERS // at.torque.size)
     for start in range(0, len(moves), at_once):
         some = moves[start : start + at_once]
@@ -314,6 +323,7 @@ def columns(
             out[:, j, term.columns[0]] = data.thin(lost, segment)
     bodily = [pair for effect in wanted for pair in _rigid_body_jacobian(at, effect)]
     if bodily:
+        # all at once: the way to the recorded torque is followed but once
         places, torques = zip(*bodily, strict=True)
         recorded = at.as_recorded(np.stack(torques, axis=2))
         out[:, :, list(places)] = data.thin(recorded, segment)
@@ -353,6 +363,7 @@ def _moves(at: LinearisationPoint, effect: Effect) -> Iterator[_Perturbation]:
         return at.with_terms(effect.name, theta, chosen)
 
     if effect.reach == "motor":
+        # a motor moves several joints, so that each takes a move of its own
         largest = steps.max()
         for term in chosen:
             place = term.columns[0]
@@ -382,6 +393,7 @@ def _rigid_body_jacobian(
     chosen = at.terms.choosable(effect.name)
     if of_links or not chosen or not at.acts_on_bodies(effect):
         return
+    # coordinate by coordinate, joint by joint
     places = np.array([t.columns for t in chosen]).T
     searched = np.array([at.terms.shapes.get(t, ()) for t in chosen]).T
     derivatives = effect.columns(at, at.theta[places], searched)

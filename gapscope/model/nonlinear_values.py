@@ -80,6 +80,7 @@ def unit_columns(
             torque = effect.law(Signals(*state), *parameters)
         else:
             raise KeyError(f"{effect.name} has no nonlinear parameter on a joint")
+        # a law need not depend on every signal: all have the same shape here
         columns.append(np.broadcast_to(torque, (len(signals.t), len(values))))
     return np.stack(columns, axis=2).reshape(len(signals.t), -1)
 
@@ -111,8 +112,10 @@ class Scanner:
         rubbing = CorrectedArm(arm.arm, friction)
         for segment in rows.segments:
             motion, body = segment.motion, segment.bodies(arm.bodies)
+            # a limit does not change what is needed
             self._load.append(corrected.unlimited.predict(body, motion))
             none = np.zeros_like(motion.q)
+            # friction alone: on no torque of bodies
             self._friction.append(rubbing.needed_torque(none, motion))
 
     def scan(
@@ -138,6 +141,7 @@ class Scanner:
             if isinstance(term.definition, External):
                 best = self._window(own, others)
             else:
+                # about its value if it is in use, else on the whole grid
                 in_use = any(one.term == term for one in chosen)
                 known = shapes[term][0] if in_use and term in shapes else None
                 best = self._on_joint(term, own, others, known)
@@ -170,6 +174,7 @@ class Scanner:
         assert fitted.grid is not None
         values = fitted.grid(series, known)
         if fitted.possible is not None and len(values):
+            # a limit that no torque reaches has no columns, for one
             needed = np.concatenate([load[:, j] for load in self._load])
             recorded = np.concatenate(series.recorded)
             values = values[fitted.possible(values, recorded, needed)]
@@ -227,6 +232,7 @@ class Scanner:
                 motion.t[::stride, None],
                 *(x[at] for x in (*series, self._load[k], self._friction[k])),
             )
+            # what depends on the arm comes out as no number, and says so by that
             if alone:
                 unknown = np.full_like(signals.load, np.nan)
                 signals = signals._replace(load=unknown, friction=unknown)
@@ -239,6 +245,7 @@ class Scanner:
                 kept = low_pass(own, rate / stride, rows.cutoff)
                 taken = np.arange(len(motion.t))[rows.taken(segment)] / stride
                 places = np.minimum(np.round(taken).astype(int), len(kept) - 1)
+                # single precision halves the memory of many columns
                 parts.append(kept[places].astype(np.float32))
             else:
                 parts.append(rows.thin(own, segment))
@@ -274,6 +281,7 @@ class Scanner:
                 # the noise of the torque that is beyond a limit is in the gap as well
                 beyond = np.abs(self.rows.torque[rows, j, None]) > values
                 pull -= error.white2[j] * beyond.sum(axis=0) / noise2
+            # every motion says something of everybody, one of the group of both
             who = slice(None) if one.cell.group == self.group else slice(1)
             gram[who] += _squares(split(own_rows)) / noise2 - _squares(split(inner))
             right[who] += pull
@@ -284,6 +292,7 @@ class Scanner:
             cross_group[self.group] = cross[self.group]
             sides.append((gram[1], right[1], cross_group))
         size = np.sqrt((x**2).mean(axis=0)).reshape(k, count)
+        # a value whose columns vanish explains nothing
         shown = size.min(axis=1) > MIN_TORQUE
         unit, gains = 1.0 / np.maximum(size, MIN_TORQUE), []
         for squares, pull, products in sides:
@@ -307,6 +316,7 @@ class Scanner:
         first, last = spans = _spans(bins)
         if not len(first):
             return None
+        # what a force from outside does the motors need not
         force = -rows.rows([bodies.force for bodies in own.design.bodies])
         force = force / rows.scale[:, None] * rows.trust[:, :, None]
         place = np.clip(((rows.t - begin) / width).astype(int), 0, bins - 1)
@@ -314,6 +324,7 @@ class Scanner:
         columns, joints = [], range(force.shape[1])
         for joint in joints:
             x = np.zeros((len(rows.t), bins, 3))
+            # each row in the columns of its own bin: a window's are sums over bins
             x[mine, place[mine]] = force[mine, joint]
             columns.append(x.reshape(len(x), -1))
         further = contrast.beside(columns)
@@ -332,6 +343,7 @@ class Scanner:
             alone.append(_of_spans(torque.gram, torque.right, spans, np.ones(1)))
         every = np.concatenate(alone)
         evidence = float(np.logaddexp.reduce(every) - np.log(len(every)))
+        # a push is charged what something unknown on one joint is worth by its odds
         charge = _charge(gain) + max(evidence + float(np.log(UNKNOWN)), 0.0)
         edges = [begin + ends * width for ends in (first, last)]
         return Found(
@@ -357,6 +369,7 @@ def _of_spans(
     """Log evidence of each window, whose columns are sums of those of its bins, c in each: (K,)."""
     count = len(unit)
     bins = len(right) // count
+    # sums up to the edge before each bin: those of a window are differences
     up_to = np.zeros((bins + 1, count, bins + 1, count))
     of_bins = gram.reshape(bins, count, bins, count)
     up_to[1:, :, 1:] = of_bins.cumsum(axis=0).cumsum(axis=2)
@@ -412,6 +425,7 @@ def _spread(values: np.ndarray, best: float, gain: np.ndarray) -> float:
 def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:
     """The best value, moved to the peak of the parabola through its neighbours."""
     value = float(values[best])
+    # where nothing is explained there is no peak
     if not 0 < best < len(values) - 1 or gain[best] < 1.0:
         return value
     below, above = values[best - 1] - value, values[best + 1] - value
@@ -420,6 +434,7 @@ def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:
     # chords from the best value to its neighbours
     to_below = (gain[best - 1] - gain[best]) / below
     to_above = (gain[best + 1] - gain[best]) / above
+    # of the parabola the second derivative, over two
     curve = (to_above - to_below) / (above - below)
     if curve >= 0:
         return value

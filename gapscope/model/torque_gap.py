@@ -55,6 +55,7 @@ def torque_gap(
         assert segment.torque is not None
         prediction, delivered = np.empty((2, *segment.torque.shape))
         for there, arm in corrected.spans(segment.recording, segment.motion.t):
+            # a limit cuts what is recorded off, not what is needed
             torque = arm.unlimited.predict(segment.bodies(body), segment.motion)
             prediction[there] = torque[there]
             delivered[there] = arm.delivered(segment.torque)[there]
@@ -66,6 +67,7 @@ def torque_gap(
         # what was not measured leaves no gap
         gap = segment.bridged(delivered - prediction)
         gap = low_pass(gap, rate, TORQUE_CUTOFF)[inner] * ~segment.unknown[inner]
+        # as if it had been measured: the prediction plus what is left of the gap
         measured.append(prediction_rows + gap)
     edges = (0, *itertools.accumulate(len(rows) for rows in measured))
     return TorqueGap(np.vstack(measured), np.vstack(predicted), edges)

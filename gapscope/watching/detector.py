@@ -328,6 +328,7 @@ def _direction(what: str, sizes: Mapping[str, Size]) -> str:
     up = main is not None and main.value > 0
     if what == PAYLOAD:
         return "was picked up" if up else "was put down"
+    # of several numbers none says which way, but friction leads with its torque
     if main is None or (len(sizes) > 1 and what != PLAIN_FRICTION):
         return "has changed"
     return "has risen" if up else "has fallen"
@@ -346,6 +347,7 @@ def _sizes(
             key = name if len(values) == 1 else f"{name}_{'xyz'[k]}"
             out[key] = Size(float(value), float(std), unit)
     if finding["what"] == PLAIN_FRICTION:
+        # both coefficients as one torque: they are hard to tell apart at one speed
         at = {"coulomb": 1.0, "viscous": float(speed[finding["joints"][0] - 1])}
         torque = sum(at[key] * size.value for key, size in out.items())
         std = float(np.hypot.reduce([at[key] * size.std for key, size in out.items()]))
@@ -454,8 +456,10 @@ class SegmentStream:
             yield from self.finish()
         if part.tau is None:
             return
+        # slips so far are taken out before anything looks at the part
         part = replace(part, q=part.q - self.slipped)
         own = part if self.held is None else _joined_segments(self.held, part)
+        # nothing is cut into pieces before the band of a motion is known
         if self.cutoff is None:
             own = self._from_motion_on(own)
         self.held = own
@@ -476,8 +480,10 @@ class SegmentStream:
         first = 0
         while own.t[-1] - own.t[first] >= least:
             begin = own.t[first]
+            # one window, and where the next one begins: they overlap by what is trimmed
             stop = int(np.searchsorted(own.t, begin + WINDOW)) + 1
             following = int(np.searchsorted(own.t, begin + BLOCK))
+            # on raw samples, before a filter smears them
             for jump in slips(own.part(slice(first, stop))):
                 k = first + jump.sample
                 before, after = float(own.t[k - 1]), float(own.t[k])
@@ -486,10 +492,12 @@ class SegmentStream:
                 )
                 gone = np.zeros(own.q.shape[1])
                 gone[jump.joint] = jump.size
+                # later parts have it as well
                 self.slipped = self.slipped + gone
                 late = np.arange(len(own.t)) >= k
                 own = replace(own, q=own.q - gone * late[:, None])
             piece = own.part(slice(first, stop))
+            # one sample stays, to which the next part is joined
             first = min(following, len(own.t) - 1)
             assert self.cutoff is not None
             # gaps may leave nothing that is long enough
@@ -506,6 +514,7 @@ class SegmentStream:
             first = own.part(own.t < own.t[0] + FIRST)
             if self._chosen(first):
                 break
+            # half of it once more: a motion may begin near its end
             own = own.part(own.t >= own.t[0] + 0.5 * FIRST)
         return own
 
@@ -522,12 +531,14 @@ class SegmentStream:
         if part.tau is None or part.name != held.name or len(held.t) < 2:
             return True
         step = float(part.t[0] - held.t[-1])
+        # stamps that go back, or a pause, begin another recording
         return not 0 < step <= max(GAP_STEPS / held.rate, 0.1)
 
 
 def _joined_segments(held: Recording, part: Recording) -> Recording:
     """Two parts of a recording, one after the other: time, positions and torque; turns between them taken back."""
     assert held.tau is not None and part.tau is not None
+    # a part is unwrapped by itself: whole turns between both are not real
     turns = 2 * np.pi * np.round((part.q[0] - held.q[-1]) / (2 * np.pi))
     warmth = None
     if held.temperature is not None and part.temperature is not None:
@@ -664,6 +675,7 @@ class Detector:
         self._nominal = CorrectedArm(corrected.arm)
         self._body = RigidBody(corrected.arm)
         self._wanted = round((learning or LEARN) / BLOCK)
+        # spans in a day, over the false alarms that are wanted in one
         # by Ville's inequality evidence is beyond these odds no more often by chance
         self._asked = DAY / SPAN / false_alarms
         self._about: FreeArm | None = None
@@ -685,6 +697,7 @@ class Detector:
         for item in self.stream.add(part):
             if isinstance(item, Slip):
                 yield slipped(item, self.corrected.arm.sliding)
+            # an arm at rest tells nothing of what moves it
             elif np.ptp(item.motion.q, axis=0).max() >= MOVED:
                 yield from self._added(self._block(item))
 
@@ -696,6 +709,7 @@ class Detector:
         """
         for recording in recordings:
             self._begun = {recording.name: recording.begun}
+            # each recording loses its ends, as in a diagnosis
             for item in (*self.stream.add(recording), *self.stream.finish()):
                 if isinstance(item, Segment):
                     self.state.seen.append(self._block(item))
@@ -714,6 +728,7 @@ class Detector:
         motion, torque = segment.motion, segment.torque
         assert torque is not None
         if self.corrected.effects:
+            # effects found already give way to the nominal arm: others are looked for
             body = segment.bodies(self._body)
             known = self.corrected.unlimited.predict(body, motion)
             without = self._nominal.predict(body, motion)
@@ -742,6 +757,7 @@ class Detector:
         motion = block.segment.motion
         speed = np.abs(motion.dq) / self.corrected.arm.per_radian
         since = np.zeros(len(motion.t))
+        # at the start of a watch warm, else as at the end of the block before
         warm: np.ndarray | float = WARM
         if before is not None:
             assert before.segment.temperature is not None
@@ -753,6 +769,7 @@ class Detector:
                 since = since + max(logged, 0.0)
             # windows overlap
             speed = speed * (since > 0)[:, None]
+        # over a block of seconds heat adds up and hardly fades
         share = np.cumsum(speed, axis=0) / motion.rate / COOLING
         left = np.exp(-np.maximum(since, 0.0) / COOLING)[:, None]
         return warm * left + WARM / USUAL_SPEED * share
@@ -764,6 +781,7 @@ class Detector:
             if len(state.seen) >= self._wanted:
                 yield self._learn()
             return
+        # older motion is forgotten, block by block
         state.now = [*state.now, block][-round(NOW / BLOCK) :]
         # each span has some motion
         if len(state.now) >= SPANS and block.end >= state.looked + LOOK * state.pace:
@@ -775,12 +793,15 @@ class Detector:
         """What changed before the motion that is compared may have any value like it all along."""
         state = self.state
         for (term, since), value in list(state.known.items()):
+            # still within what is compared: it keeps its moment
             if since > begin:
                 continue
             del state.known[term, since]
+            # drifts count from what alarms have said already
             if called(term)[0] == PLAIN_FRICTION:
                 state.said[term.joint - 1] += self._at_speed(term) * value[0]
             size, shares = np.abs(value), term.parametrisation.proportions
+            # a load's first moment may be as large as its mass allows
             if shares is not None:
                 size = np.maximum(size, size[0] * np.array(shares))
             state.free[term] = np.maximum(size, state.free.get(term, 0.0))
@@ -788,9 +809,11 @@ class Detector:
     def _learn(self) -> Event:
         """End of learning."""
         state = self.state
+        # filters keep no more than the motions have
         state.band = min(TORQUE_CUTOFF, self.stream.cutoff or TORQUE_CUTOFF)
         self.prepare()
         last = state.seen[-1]
+        # joints that rested have taught nothing: the user is told
         every = [np.ptp(block.segment.motion.q, axis=0) for block in state.seen]
         rested = np.flatnonzero(np.max(every, axis=0) < MOVED)
         text = f"learnt {len(state.seen) * BLOCK:.0f} s of motion"
@@ -807,11 +830,13 @@ class Detector:
         """Fit the arm that predicts what was learnt."""
         rows = self._rows([])
         self._about = fitted_arm(rows, self.corrected.arm, (0,))
+        # what follows from the fit is kept from look to look
         self._holding, self._kept = rows.holding, Kept(self._about, {})
         first = Equations.of(design(rows, self._about, {}))
         self._taught = learn(first, (0,)), first
 
     def _rows(self, now: list[Block]) -> Rows:
+        # blocks as they come: their columns are kept from look to look
         groups = [[[block.segment for block in self.state.seen]]]
         if now:
             groups.append([[block.segment for block in now]])
@@ -836,6 +861,7 @@ class Detector:
         rows.held(*self._holding)
         now = {id(block.segment) for block in state.blocks}
         parts = self._kept.parts
+        # columns of motion that is forgotten go with it
         for gone in parts.keys() - now:
             del parts[gone]
         rows.kept = self._kept
@@ -847,6 +873,7 @@ class Detector:
         if said.changes is not None:
             yield from self._changed(said)
             return
+        # nothing new is promised: back to the usual pace
         state.pace = 1
         if not again:
             yield from self._drifted(said.fit)
@@ -862,23 +889,29 @@ class Detector:
         """Alarms of what has changed, and that what took a while is over."""
         state, changes = self.state, said.changes or ()
         new = [change for change in changes if not self._is_known(change)]
+        # known changes promise something again and again: each look costs a search
         state.pace = 1 if new else min(2 * state.pace, SLOWEST)
         # what is in the last samples alone may be a push
         if any(state.now[-1].end - change.time < SPAN / 2 for change in new):
             return
         likely: dict[Name, float] = {}
         for term, probability in said.others.items():
+            # terms of one name are summed: which of them it is does not matter here
             name = called(term)
             likely[name] = min(likely.get(name, 0.0) + probability, 1.0)
+        # a name needs to be likelier than all others together
         named = [one for one in new if likely[called(one.term)] >= NAMED]
         if new and not named:
+            # something has changed, but no name is likely enough
             yield self._misfit([], min(change.time for change in new))
             return
         ended = [one for one in changes if self._is_over(one)]
+        # values and moments of what is known are renewed with each look
         state.known = dict(said.steps)
         state.over |= {one.term: one.ends for one in ended}
         told = {called(change.term) for change in changes}
         others = {name: p for name, p in likely.items() if name not in told}
+        # what is told as an alarm just now is not told as over as well
         ended = [one for one in ended if one not in named]
         for event, some in ((ALARM, named), (DRIFT, ended)):
             for finding in change_findings(some):
@@ -893,12 +926,15 @@ class Detector:
 
     def _is_over(self, change: Change) -> bool:
         """Whether a change that took a while is over, and no drift has said so."""
+        # near the end it may go on
         if change.until is None or self.state.now[-1].end - change.until < SPAN / 2:
             return False
         before = self.state.over.get(change.term, -np.inf)
+        # a further stretch of the same drift is told, the same one is not
         return change.until - before >= SPAN
 
     def _is_known(self, change: Change) -> bool:
+        # within a span, by which moments move from look to look
         return any(
             called(term) == called(change.term) and abs(change.time - since) < SPAN
             for term, since in self.state.known
@@ -912,6 +948,7 @@ class Detector:
 
     def _learn_anew(self, begun: float) -> None:
         """What is like this from now on is normal."""
+        # only motion after it: what was before would teach two states at once
         after = [block for block in self.state.now if block.begin >= begun]
         n = len(self.state.drift)
         self.state = State(np.zeros(n, dtype=int), np.zeros(n), after)
@@ -921,6 +958,7 @@ class Detector:
         """Notes on friction that has drifted by a further step."""
         state, about, made = self.state, self._about, fit.contrast.design
         assert about is not None
+        # friction now, beside what was learnt: motion now is one group of the contrast
         _, own = fit.own.nuisances(fit.answer.values)
         frictions: dict[int, list[Term]] = {}
         for term in made.places:
@@ -931,13 +969,17 @@ class Detector:
             at = np.array([self._at_speed(term) for term in terms])
             places = [int(made.places[term][0]) for term in terms]
             per_column = at / np.array([made.units[term][0] for term in terms])
+            # friction as it was learnt, at the usual speed
             level = at @ about.theta[[term.columns[0] for term in terms]]
             if level <= 0 or not all(own[-1, places]):
+                # joints whose friction the motion does not show have no value
                 continue
+            # what alarms have named is no drift
             moved = per_column @ own[-1, places] - state.said[j]
             spread = fit.contrast.own_covariance(places)
             std = float(np.sqrt(per_column @ spread @ per_column))
             steps, before = int(moved / level / DRIFT_STEP), state.drift[j]
+            # each step once, and again if it turns back
             further = abs(steps) > abs(before) or steps * before < 0
             if further and abs(moved) > ENOUGH * std:
                 state.drift[j] = steps
@@ -964,6 +1006,7 @@ class Detector:
     ) -> Time:
         """A moment on the clock of the stream by the clock of its recording, and when it was over."""
         blocks = self.state.blocks
+        # the first block that lasts until then
         here = next((b for b in blocks if b.end >= begun), blocks[-1])
         name, offset = here.segment.recording, here.offset
         mine = [b for b in blocks if b.segment.recording == name]
@@ -974,6 +1017,7 @@ class Detector:
         last = blocks[-1]
         detected = last.end - last.offset
         if until is not None:
+            # a change that goes on has no end yet
             goes_on = last.end - until < SPAN / 2
             until = detected if goes_on else until - offset
         interval = low - offset, high - offset
@@ -998,6 +1042,7 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
     step = (t[-1] - t[0]) / (len(t) - 1)
     same = before.recording == after.recording and before.payload == after.payload
     middle = (t[-1] + further[0]) / 2
+    # there both are farthest from their ends, where filters are worst
     first, rest = t <= middle, further > middle
     if not same or further[0] > t[-1] or not (first.any() and rest.any()):
         return None
@@ -1013,6 +1058,7 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
         name: both(before, after, name) for name in ("torque", "temperature")
     }
     if before.unknown is not None or after.unknown is not None:
+        # ``measured`` is there for segments without unknown torque as well
         series["unknown"] = ~both(before, after, "measured")
     motion = Motion(*(both(*motions, name) for name in ("t", "q", "dq", "ddq")))
     return replace(before, motion=motion, **series)
@@ -1054,6 +1100,7 @@ def fingerprint(corrected: CorrectedArm, learning: float) -> str:
     """A short text that changes with the arm, its effects and the settings that a state depends on."""
     arm = corrected.arm
     body = RigidBody(arm)
+    # all that a state was learnt about: with another arm it is worth nothing
     effects = [
         (e.name, e.joints, {k: np.asarray(v).tolist() for k, v in e.parameters.items()})
         for e in corrected.effects
@@ -1101,6 +1148,7 @@ def load_state(file: Path, detector: Detector, arm: str) -> Saved | None:
     stream = detector.stream
     stream.cutoff, stream.held, stream.slipped = found.cutoff, found.held, found.slipped
     detector.state = found.state
+    # the arm that predicts is not saved: it follows from the motion
     if detector.state.band:
         detector.prepare()
     return found

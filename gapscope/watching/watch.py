@@ -137,12 +137,14 @@ class GrowingFile:
         self, path: Path, reading: Reading, position: Mapping[str, Any] | None = None
     ) -> None:
         self.path, self.reading = path, reading
+        # held open: a file that is rotated away can be read to its end
         self._file: BinaryIO = path.open("rb")
         self._header, self._line, self._part = "", 1, 1
         if position is not None:
             state = os.fstat(self._file.fileno())
             self._part = int(position["part"])
             same = state.st_ino == position["inode"]
+            # shorter than where it was left, it is not the same file
             if same and state.st_size >= position["offset"]:
                 self._file.seek(position["offset"])
                 self._line, self._header = (
@@ -150,6 +152,7 @@ class GrowingFile:
                     str(position["header"]),
                 )
             else:
+                # another file under the name is another recording
                 self._part += 1
 
     def position(self) -> dict[str, Any]:
@@ -164,6 +167,7 @@ class GrowingFile:
 
     def poll(self) -> Iterator[Recording | Event]:
         """Rows that were added, and notes if the file was begun anew."""
+        # the rest of the file that was open, whatever has its name by then
         yield from self._rows()
         try:
             now = self.path.stat()
@@ -192,9 +196,11 @@ class GrowingFile:
         while True:
             start = self._file.tell()
             raw = self._file.read(MAX_BYTES)
+            # what follows the last end of a line waits
             whole = raw[: raw.rfind(b"\n") + 1]
             lines = whole.count(b"\n")
             more = len(raw) == MAX_BYTES
+            # too few lines wait for more, but for a buffer that is full
             if not whole or (lines < FEWEST_LINES and not more):
                 self._file.seek(start)
                 if more:
@@ -210,12 +216,15 @@ class GrowingFile:
     def _recording(self, whole: bytes, lines: int) -> Iterator[Recording | Event]:
         """Whole lines as a part of a recording, or why they are none."""
         first = self._line
+        # lines count whether they can be used or not, so that notes name the right ones
         self._line += lines
         try:
+            # a mark of the byte order may stand at the beginning
             text = whole.decode("utf-8-sig").splitlines(keepends=True)
         except UnicodeDecodeError:
             yield self._note("is not a text in UTF-8", first)
             return
+        # the first whole line names the columns
         if not self._header:
             self._header, *text = text
             first += 1
@@ -230,6 +239,7 @@ class GrowingFile:
             return
         yield from self.reading.damage(part, self.path)
         self.reading.succeeded = True
+        # parts of a file that was begun anew are not joined
         name = self.path.name if self._part == 1 else f"{self.path.name} ({self._part})"
         # every part goes on by the clock of the log
         yield replace(part, name=name, t=part.stamps, begun=0.0)
@@ -301,13 +311,16 @@ class Folder:
         self._done = {k: v for k, v in self._done.items() if k in present}
         self.unfinished = False
         for file in files:
+            # it may have gone since the folder was read
             if not file.exists():
                 continue
             if not self._is_complete(file, files):
+                # what was read and is written to again is not waited for
                 self.unfinished |= self._done.get(self._key(file)) != READ
                 continue
             key, size = self._key(file), file.stat().st_size
             tried = self._done.get(key)
+            # read, or tried at this size: it is worth another try only if it has grown
             if tried in (READ, size):
                 continue
             item = self._read(file)
@@ -351,6 +364,7 @@ class Folder:
         for entry in entries:
             if entry.name.startswith(".") or entry.resolve() == self._without:
                 continue
+            # files of a dataset are no recordings by themselves
             if entry.is_dir() and not is_dataset(entry):
                 found += [f for f in entry.iterdir() if not f.name.startswith(".")]
             else:
@@ -360,6 +374,7 @@ class Folder:
 
     def _is_complete(self, file: Path, files: list[Path]) -> bool:
         if time.time() - file.stat().st_mtime >= self.rest:
+            # of a split bag the next file is begun when this one is closed
             return True
         split = SPLIT.fullmatch(file.name)
         if split is None or file.suffix.lower() not in BAGS:
@@ -413,6 +428,7 @@ class Watch:
         importing = case.importing if case else None
         self._reading = Reading(corrected.arm, importing)
         self._first: list[Event] = []
+        # with 0 s to learn from, the case says what is normal, if no earlier run did
         if not (settings.learning or self.resumed):
             recordings = case.recordings if case else ()
             told = [one for one in recordings if one.tau is not None]
@@ -441,6 +457,7 @@ class Watch:
                 new, before = True, self.alarms + self.misfits
                 yield from self._said(self._events_of(item))
                 late = time.monotonic() - saved > SAVE_EVERY
+                # after an alarm at once: a later run is not to tell it again
                 if late or self.alarms + self.misfits > before:
                     self._save()
                     saved = time.monotonic()
@@ -448,6 +465,7 @@ class Watch:
                     break
             now = time.monotonic()
             idle_since = now if new else idle_since
+            # a file that was there at the start gets the time to become complete
             waits = self.source.unfinished and now - begun < self.settings.rest
             idle = until_idle is not None and now - idle_since >= until_idle
             if idle and not waits:
@@ -456,6 +474,7 @@ class Watch:
                 time.sleep(self.settings.poll)
         self._save()
         failure = self._reading.failure
+        # an end without anything that could be read is a failure of the source
         if failure is not None and not self._reading.succeeded:
             raise failure
 
@@ -502,6 +521,7 @@ class Watch:
         if out is None or not (out / STATE).is_file():
             return None
         earlier = load_state(out / STATE, self.detector, self._arm)
+        # a state without motion has learnt nothing
         self.resumed = earlier is not None and bool(self.detector.state.blocks)
         return earlier
 

@@ -380,6 +380,7 @@ class Unknown:
         """
         share2 = np.array([p.share for p in self.predictable]) * self.left
         evidence = np.array([p.evidence for p in self.predictable])
+        # on any of the joints, as an effect of some name would be
         likely = evidence > np.log(len(self.scale) / ANY)
         seen = share2 > (UNKNOWN_TORQUE * self.scale) ** 2
         return np.where(likely & seen, share2, 0.0)
@@ -397,6 +398,7 @@ class Unknown:
         above2 = STANDS_OUT**2 * _others2(left2) * self.scale**2
         stands_out = (self.follows2 > above2) | oscillates
         most2 = HEALTHY_REAL[1] ** 2
+        # on average over the joints: a single one may have a cause of its own
         beyond2 = np.maximum(left2 - most2, 0.0) * (left2.mean() > most2)
         return np.maximum(self.follows2 * stands_out, beyond2 * self.scale**2)
 
@@ -413,10 +415,12 @@ class Unknown:
 
 def _others2(left2: np.ndarray) -> np.ndarray:
     """Geometric mean of the squares that all other joints leave [1], (n,); of one joint alone, of a usual real arm."""
+    # a joint of which nothing is left has no logarithm
     known = left2 > MIN_FLOOR**2
     log2 = np.log(np.where(known, left2, 1.0))
     count = known.sum() - known
     others = (log2.sum() - log2) / np.maximum(count, 1)
+    # of one joint: the geometric mean of both ends of what is usual, squared
     return np.exp(np.where(count > 0, others, np.log(np.prod(HEALTHY_REAL))))
 
 
@@ -573,6 +577,7 @@ def _memory(thinned: _Thinned, rows: MotionRows, load: np.ndarray) -> np.ndarray
         own = thinned.kept[thinned.segment == segment]
         memory = Memory(rows.q[own[0]])
         steps = np.diff(rows.t[own], prepend=rows.t[own[0]]).tolist()
+        # memory is a state: rows one after the other, from the start of each recording
         for row, step in zip(own.tolist(), steps, strict=True):
             out.append(memory.advance(rows.q[row], load[row], step))
     return np.array(out)
