@@ -165,6 +165,7 @@ class CorrectedArm:
             # these add up at one place
             if isinstance(applied.effect, LinkChange | External):
                 continue
+            # an effect of the arm has no joints: its place is 0
             here = {(applied.name, joint) for joint in applied.joints or (0,)}
             twice = sorted(joint for _, joint in here & places)
             if twice:
@@ -198,6 +199,7 @@ class CorrectedArm:
             applied.per_joint(parameter, self.arm.n_joints)
             for applied in self.effects
             for parameter, quantity in applied.effect.quantities.items()
+            # what acts on a link or the arm has no value per joint
             if quantity == name and applied.joints
         ]
         return np.asarray(sum(added, nominal))
@@ -242,6 +244,7 @@ class CorrectedArm:
     def base_rotation(self) -> np.ndarray:
         """R from the base to the world frame, shape (3, 3)."""
         for applied in self.effects:
+            # ``check`` allows one turn
             if isinstance(applied.effect, Turn):
                 return applied.effect.rotation(*applied.parameters.values())
         return np.eye(3)
@@ -287,6 +290,7 @@ class CorrectedArm:
         if not (width.any() or elastic.any()):
             return torque
         state = motion.q, motion.dq, motion.ddq
+        # of the bodies with all that they gained: that bends as well
         matrices = body.changed(increments).sensitivities(*state)
         if width.any():
             torque = through_play(

@@ -361,8 +361,8 @@ def _play(
     flank = half if torque[0] > 0 else -half
     start = flank + float(torque[0]) / k
     now, before = start, start
-    inertia = (m / h**2).tolist()
     # (m / h^2 + c / h + g) new = push + m / h^2 (2 now - before) + c / h now
+    inertia = (m / h**2).tolist()
     drag = (c / h).tolist()
     inside = (m / h**2 + c / h + g).tolist()
     push = torque.tolist()

@@ -160,6 +160,7 @@ class Effect:
 
         A link's number is none of them: it says where.
         """
+        # without nonlinear parameters: none of them at each place
         none = np.zeros((0, x.shape[1]))
         values = self.fitted.values(x, none if searched is None else searched)
         return {
@@ -203,7 +204,6 @@ def derivative(
     step: float = DIFFERENCE,
 ) -> np.ndarray:
     """Derivative of a function by coordinates x, (linear,), by central differences; they come last, (..., linear)."""
-    # one step for all coordinates, each moved both ways
     steps = step * np.eye(len(x))
     pairs = [function(x + side) - function(x - side) for side in steps]
     return np.stack(pairs, axis=-1) / (2 * step)
@@ -401,6 +401,7 @@ class Turn(Inertial):
         def gravity(x: np.ndarray) -> np.ndarray:
             return self.rotation(*x).T @ at.gravity
 
+        # the arm is its only place
         return (at.gravity_regressor @ derivative(gravity, x[:, 0]))[..., None]
 
 

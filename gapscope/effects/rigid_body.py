@@ -26,6 +26,7 @@ def link_change(
     massless link stays. Frame of the joint that moves the link.
     """
     old = float(own[0])
+    # a massless link has neither a centre nor inertia that scales with mass
     centre = own[1:4] / old if old != 0 else np.zeros(3)
     # inertia about the centre of mass: what is beside a point mass there
     about_centre = own - point_mass_parameters(old, centre)

@@ -117,6 +117,7 @@ class Drawn(NamedTuple):
         self, rng: np.random.Generator, scale: ArmScale, joints: np.ndarray
     ) -> np.ndarray:
         """The values of joints, from 0, (m,)."""
+        # without a size one number is drawn for all of them
         size = len(joints) if self.each else None
         sign = rng.choice([-1.0, 1.0], size) if self.signed else 1.0
         large = getattr(scale, self.of)[joints] if self.of else 1.0

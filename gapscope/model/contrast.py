@@ -773,7 +773,7 @@ class OwnTerms:
     ) -> tuple[np.ndarray, np.ndarray]:
         """What is shared, (P,), and the nuisances of each group, (G, P), beside values of candidates."""
         solved = self.contrast.solved
-        # what is shared answers to what the candidates leave of its right side
+        # what is shared is fitted to what the candidates leave of its right side
         for one, value in values.items():
             scaled = value * self.design.units[one.term]
             solved = solved - self.back(self.places(one)) @ scaled

@@ -482,7 +482,7 @@ class Search:
         for count in range(times):
             first = Equations.of(design(self.rows, arm, {}))
             gap = first.design.gap[np.isin(self.rows.group, self.basis)]
-            # a product over joints: none counts for more because its torque is large
+            # a product over joints: to halve what is left counts alike on each
             left = float(np.log((gap**2).mean(axis=0) + MIN_TORQUE**2).sum())
             # what is shared stays linear there: columns that cancel lead astray
             if left >= least:
@@ -494,8 +494,8 @@ class Search:
             beside = Equations.of(left_over) if np.any(known) else first
             if self.taught is None:
                 self._taught = learn(beside, self.taught_by, alike=alike)
-            # what was learnt of this arm before goes over to these columns by term
             else:
+                # what was learnt of this arm before goes over to these columns by term
                 self._taught = carried_over(*self.taught, first)
             # what is known is left out of noise alone: the equations keep the whole gap
             self._first = replace(first, design=self._taught.primed(first.design))
@@ -690,12 +690,12 @@ class Search:
             proportions = one.term.parametrisation.proportions
             if not one.term.is_load or proportions is None:
                 continue
-            # ten parameters a link: mass, three first moments, six moments of inertia
             moments = np.zeros(self._equations.design.size)
             r = proportions[1]
             mass = np.abs(value[0])
             if self.may_be_exchanged:
                 mass += np.linalg.norm(value[1:]) / r
+            # ten parameters a link: mass, three first moments, six moments of inertia
             moments[last + 4 : last + 10] = (mass * r**2 / unit) ** 2 / 3.0
             out.append((one.groups or (), moments))
         return out

@@ -320,7 +320,7 @@ class Folder:
                 continue
             key, size = self._key(file), file.stat().st_size
             tried = self._done.get(key)
-            # read, or tried at this size: it is worth another try only if it has grown
+            # read, or tried at this size: another try needs another size
             if tried in (READ, size):
                 continue
             item = self._read(file)
@@ -374,13 +374,13 @@ class Folder:
 
     def _is_complete(self, file: Path, files: list[Path]) -> bool:
         if time.time() - file.stat().st_mtime >= self.rest:
-            # of a split bag the next file is begun when this one is closed
             return True
         split = SPLIT.fullmatch(file.name)
         if split is None or file.suffix.lower() not in BAGS:
             return False
         if (file.parent / METADATA).exists():
             return True
+        # of a split bag the next file is begun when this one is closed
         following = f"{split[1]}_{int(split[2]) + 1}{file.suffix}"
         return file.with_name(following) in files
 
