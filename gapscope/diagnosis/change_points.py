@@ -141,7 +141,7 @@ def appearance(found: Sequence[bool]) -> tuple[int, float]:
     if n < SHORTEST_HISTORY or m in (0, n):
         return 0, 1.0
     k = np.arange(1, n)
-    # of drawing without replacement
+    # S_k is hypergeometric
     std = np.sqrt(m * (n - m) * k * (n - k) / (n**2 * (n - 1)))
     z = (np.cumsum(found)[:-1] - k * m / n) / std
     best = int(np.abs(z).argmax())

@@ -211,8 +211,8 @@ def _others(found: Agreement) -> tuple[OtherState, ...]:
     first, *others = found.states
     return tuple(
         OtherState(
-            # one recording stands for all that share its state
             Place(tuple(found.recordings[k].name for k in numbers)),
+            # one recording stands for all that share its state
             _beside(found, numbers[0], first[0]),
         )
         for numbers in others
@@ -266,7 +266,7 @@ def _spans(
         # several may change at once
         if start == end:
             continue
-        # of the changes so far
+        # span k begins with change k - 1: it has all up to that one
         increments = _sum([own, *before, *moved[:k]])
         yield OtherState(Place((recording.name,), start, end), increments)
 

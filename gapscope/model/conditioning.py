@@ -271,7 +271,7 @@ def jumps(recording: Recording) -> list[Jump]:
     step = np.diff(t)[:, None]
     velocity = np.diff(q, axis=0) / step
     departure = np.zeros_like(velocity)
-    # the velocity of a step less the mean of both neighbours, as a way
+    # the velocity of a step less the mean of both neighbours, as a distance
     departure[1:-1] = (velocity[1:-1] - (velocity[:-2] + velocity[2:]) / 2) * step[1:-1]
     found = []
     for j, series in enumerate(np.abs(departure).T):

@@ -115,7 +115,7 @@ class Scanner:
             # a limit does not change what is needed
             self._load.append(corrected.unlimited.predict(body, motion))
             none = np.zeros_like(motion.q)
-            # friction alone: on no torque of bodies
+            # friction by itself, on bodies that need nothing
             self._friction.append(rubbing.needed_torque(none, motion))
 
     def scan(
@@ -174,7 +174,7 @@ class Scanner:
         assert fitted.grid is not None
         values = fitted.grid(series, known)
         if fitted.possible is not None and len(values):
-            # a limit that no torque reaches has no columns, for one
+            # of limits: else to call most of a torque lost would explain any gap
             needed = np.concatenate([load[:, j] for load in self._load])
             recorded = np.concatenate(series.recorded)
             values = values[fitted.possible(values, recorded, needed)]
@@ -434,7 +434,7 @@ def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:
     # chords from the best value to its neighbours
     to_below = (gain[best - 1] - gain[best]) / below
     to_above = (gain[best + 1] - gain[best]) / above
-    # of the parabola the second derivative, over two
+    # half the second derivative of the parabola
     curve = (to_above - to_below) / (above - below)
     if curve >= 0:
         return value

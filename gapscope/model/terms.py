@@ -130,7 +130,7 @@ class Terms:
         self._blocks: dict[str, np.ndarray] = {}
         for effect in self.definitions:
             joints: Sequence[int] = range(1, n_joints + 1)
-            # an arm has one, a coupled motor one; links go by their joints
+            # one for the arm, one for each coupled motor; links go by their joints
             if effect.scope == "arm":
                 joints = (0,)
             elif effect.reach == "motor":

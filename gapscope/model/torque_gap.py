@@ -55,7 +55,7 @@ def torque_gap(
         assert segment.torque is not None
         prediction, delivered = np.empty((2, *segment.torque.shape))
         for there, arm in corrected.spans(segment.recording, segment.motion.t):
-            # a limit cuts what is recorded off, not what is needed
+            # a limit cuts off what is recorded, not what is needed
             torque = arm.unlimited.predict(segment.bodies(body), segment.motion)
             prediction[there] = torque[there]
             delivered[there] = arm.delivered(segment.torque)[there]
