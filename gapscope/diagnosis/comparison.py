@@ -157,9 +157,8 @@ class Comparison:
 
     def torque_of(self, one: Candidate) -> np.ndarray:
         """What a candidate does to the torque, as it was fitted to all [N m], (M, n)."""
-        mine, rows = self.explained.rows, self.rows
         torque = self.fit.own.torque({one: self.fit.answer.values[one]})
-        return (torque * rows.measured / rows.trust)[mine] * rows.scale
+        return self.rows.in_newton_metres(torque)[self.explained.rows]
 
     @property
     def own_theta(self) -> np.ndarray:

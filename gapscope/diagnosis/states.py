@@ -232,7 +232,9 @@ def _beside(found: Agreement, number: int, first: int) -> Increments:
     for sign, own in ((1.0, found.own(number)), (-1.0, found.own(first))):
         for one in own:
             units = np.eye(len(one.term.columns))
-            torque = [design.torque(one.term, x)[mine] * rows.scale for x in units]
+            torque = [
+                rows.in_newton_metres(design.torque(one.term, x))[mine] for x in units
+            ]
             increment = Increment(
                 sign * fit.values[one],
                 fit.answer.deviations[one],

@@ -823,8 +823,7 @@ def _moved_by(made: Design, term: Term, recordings: Sequence[Recording]) -> Move
     """Times of rows, and the torque that each coordinate of a term makes there, by name of the recording."""
     rows, out = made.rows, {}
     units = [made.torque(term, unit) for unit in np.eye(len(term.columns))]
-    # from shares of the joints' scale to N m
-    torque = np.stack(units, axis=2) * rows.scale[:, None]
+    torque = np.stack([rows.in_newton_metres(unit) for unit in units], axis=2)
     for k, recording in enumerate(recordings):
         mine = rows.recording == k
         out[recording.name] = float(recording.t[0]) + rows.t[mine], torque[mine]

@@ -136,15 +136,14 @@ def explained(
             each[largest] = each[largest] + design.gap - fit.contrast.gap
         for one, x in each.items():
             torque[one][where] = x[where]
-    # rows count alike, whatever friction hides
-    size = (rows.measured / rows.trust * rows.scale)[mine]
-    after, scale = after[mine] * size, torque_scale(rows.torque[mine])
+    after = rows.in_newton_metres(after)[mine]
+    scale = torque_scale(rows.torque[mine])
     left = np.sqrt((after**2).mean(axis=0))
     # what is allowed for may be more than what is there
     floor = np.minimum(_floor(fit, mine) * rows.scale, left)
-    torque = {one: x[mine] * size for one, x in torque.items()}
-    trust = rows.trust[mine]
-    return Explained(mine, after, torque, errors[mine] * size, floor, scale, trust)
+    torque = {one: rows.in_newton_metres(x)[mine] for one, x in torque.items()}
+    errors, trust = rows.in_newton_metres(errors)[mine], rows.trust[mine]
+    return Explained(mine, after, torque, errors, floor, scale, trust)
 
 
 def likely_errors(

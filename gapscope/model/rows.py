@@ -324,6 +324,12 @@ class Rows(DecimatedSegments):
             warmth = self.rows(given)
             self.warmth = warmth - warmth.mean(axis=0)
 
+    def in_newton_metres(self, share: np.ndarray) -> np.ndarray:
+        """Torque [N m], (M, n), from its share of the joints' scale on rows by trust; 0 on rows that are left out."""
+        # friction hides rows from a fit, not from a person who looks at the torque
+        weight = self.measured / np.where(self.trust > 0, self.trust, 1.0)
+        return np.asarray(share * weight * self.scale)
+
     def of(self, group: int) -> np.ndarray:
         """Which rows belong to a group, mask (M,)."""
         return np.asarray(self.group == group)

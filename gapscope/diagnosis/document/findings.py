@@ -365,7 +365,7 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
     number = next(k for k, r in enumerate(found.recordings) if r.name == name)
     rows = fit.contrast.design.rows
     mine = rows.of(number)
-    left = fit.left[mine] * rows.scale
+    left = rows.in_newton_metres(fit.left)[mine]
     every = state.increments.items()
     whole = left + sum(x.torque for _, x in every)
     this = sum(x.torque for term, x in every if term.effect == applied.name)
