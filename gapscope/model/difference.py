@@ -269,7 +269,6 @@ class Search:
     _found: dict[Term, Found] = field(init=False)
     _charges: dict[Term, float] = field(default_factory=dict)
     _totals: dict[frozenset[Candidate], float] = field(default_factory=dict)
-    _top: Fit | None = None
     _contrasts: dict[frozenset[tuple[Place, float]], Contrast] = field(
         default_factory=dict
     )
@@ -521,9 +520,7 @@ class Search:
         found = self._with_growth(self._searched(start or none))
         # the same start with something unknown in the place of all terms
         unknown = self._with_growth(none)
-        assert self._top is not None
-        # what was fitted on the way may be better than where the way ends
-        best = max(found, unknown, self._top, key=_total)
+        best = max(found, unknown, key=_total)
         best = self._searched(self._asked_again(best)) if best.grown else best
         return best.suited
 
@@ -603,7 +600,7 @@ class Search:
         self._plain = Contrast(self._equations, self._error, days)
         # what was fitted about other columns does not count any more
         self._contrasts, self._fits, self._beyond = {}, {}, {}
-        self._totals, self._top = {}, None
+        self._totals = {}
         # what groups have in common with each other and with what is shared, about
         self._kept = max(2, MAX_KEPT // (8 * self._plain.groups * made.size**2))
         self._motions = {
@@ -674,7 +671,6 @@ class Search:
         if not can_be:
             fit = replace(fit, total=-np.inf, sharp=-np.inf)
         self._fits = {**dict(list(self._fits.items())[-self._kept :]), key: fit}
-        self._top = fit if self._top is None else max(self._top, fit, key=_total)
         return fit
 
     def _extents(self, values: Mapping[Candidate, np.ndarray]) -> list[Nuisance]:
@@ -707,16 +703,7 @@ class Search:
         chosen: Sequence[Candidate],
         grown: Mapping[Place, float],
     ) -> Fit:
-        weigh = self._weigher(own)
-        while True:
-            weight, answer = weigh(chosen)
-            # what everybody has is there to help: without what cannot be beside the others
-            kept = [
-                one for one in chosen if not one.everybody or weigh.can_be(one, answer)
-            ]
-            if len(kept) == len(chosen):
-                break
-            chosen = kept
+        weight, answer = self._weigher(own)(chosen)
         total = contrast.evidence + weight + len(grown) * np.log(UNKNOWN)
         return Fit(tuple(chosen), dict(grown), answer, total, contrast, own, total)
 

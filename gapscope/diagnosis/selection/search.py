@@ -170,13 +170,12 @@ class SheetSearch(Search):
             known: what the arm has in all likelihood, with about its values.
             torque: what that does, over the joints' scale, (M, n).
         """
-        known, visited = known or {}, []
+        known = known or {}
         # a round: the search beside noise and form error that leave out what is known
         for _ in range(ROUNDS):
             fit = self._beside(known, torque)
             if fit.mine:
                 self.progress(f"finds {_described(fit)}")
-            visited.append(fit.values)
             # simulations are costly: compliance is asked once of each set
             stiff, self._stiff = self._stiff, self._stiff | {frozenset(fit.mine)}
             bent = None if frozenset(fit.mine) in stiff else self._compliant(fit)
@@ -187,9 +186,7 @@ class SheetSearch(Search):
             known, torque = fit.values, self._torque(self.least_squares(fit))
             # nature's form of a law differs a little: so much torque may be that
             self._sized = {one.term: self._size(fit, one) for one in fit.mine}
-        # rounds may go in circles: what each of them found competes beside the noise of the last one
-        every = [self.with_some(list(values), values) for values in [*visited, known]]
-        fit = self._pruned(max(every, key=lambda one: one.total))
+        fit = self.with_some(list(known), known)
         # the empty set has to be among those that compete
         self._fit((), {}, {})
         best = self._with_growth(fit)
@@ -354,7 +351,7 @@ class SheetSearch(Search):
         kept = dict(self.__dict__)
         self._most = self._likeliest = ERRORS.index(INERTIAL_ERROR)
         # what was fitted beside larger errors does not count
-        self._fits, self._totals, self._top = {}, {}, None
+        self._fits, self._totals = {}, {}
         good = self._searched_about(known)
         # the second look leaves no trace but what it found
         self.__dict__.update(kept)
