@@ -2,48 +2,36 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
 from gapscope.arm.display import effect_name, percent, significant
-from gapscope.arm.dynamics.inertials import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.nominal import NominalArm, smooth_sign
+from gapscope.diagnosis.comparison import NONE
 from gapscope.diagnosis.document.wording import acts_on, listing
+from gapscope.diagnosis.selection.search import search_of
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.thresholds import (
-    ADVICE_RATE,
     DESIGNED_ALTERNATIVES,
-    FIT_DRAWS,
-    FIT_STARTS,
-    FIT_STEPS,
-    INERTIAL_ERROR,
-    MAY_SETTLE,
-    MIN_PARAMETER_SCALE,
     MIN_SCREENING,
     OPEN_ALTERNATIVE,
     PAYLOAD_WORTH,
     SCREENING_SHARE,
-    SETTLES,
+    TIMES_RECORDED,
 )
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE, explained
-from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import External
-from gapscope.effects.parameter import Parameter
-from gapscope.effects.severity import draw
+from gapscope.effects.catalogue import effect as by_name
 from gapscope.ident.excitation.design import (
     Excitation,
     ExcitationPlan,
@@ -52,240 +40,16 @@ from gapscope.ident.excitation.design import (
     prepare,
 )
 from gapscope.ident.excitation.design import Prepared as PreparedSearch
-from gapscope.ident.excitation.trajectory_search import Budget, Separated, random_search
-from gapscope.model.conditioning import (
-    TORQUE_CUTOFF,
-    Segment,
-    condition,
-    low_pass,
-    thinned,
-    torque_scale,
+from gapscope.ident.excitation.trajectory_search import (
+    Budget,
+    Separated,
+    Separator,
+    random_search,
 )
-from gapscope.model.effective_samples import band_samples
-from gapscope.model.torque_gap import filtered_torque
-
-# The parameters of several effects as one vector, to fit them and to differentiate by them.
-
-
-FIXED = ("link", "start", "end", "cycles")
-"""Parameters that are not fitted: a name, times that belong to one recording, a count of teeth or poles."""
-RIDGE = 1e-9
-"""Keeps a parameter that the data do not show at its value [1]."""
-FARTHEST = 1e6
-"""Stands for bounds that are farther away, in units of a parameter's scale [1]."""
-
-
-def free(
-    effects: tuple[AppliedEffect, ...],
-) -> Iterator[tuple[int, Parameter, np.ndarray]]:
-    """Index of the effect, parameter and values (m,) of all that is fitted, in the order of the vector."""
-    for index, applied in enumerate(effects):
-        for parameter in applied.effect.parameters:
-            if parameter.name not in FIXED:
-                values = np.atleast_1d(applied.parameters[parameter.name])
-                yield index, parameter, values.ravel()
-
-
-class Coordinates(NamedTuple):
-    """Values of effects as one vector, of length P.
-
-    Attributes:
-        values: [SI units].
-        scale: size of each, for steps and for conditioning.
-        low, high: bounds, no farther away than ``FARTHEST`` scales.
-        lasting: which act on another recording too: an external force does not come again.
-    """
-
-    values: np.ndarray
-    scale: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    lasting: np.ndarray
-
-
-def coordinates(effects: tuple[AppliedEffect, ...]) -> Coordinates:
-    """The values of effects that are fitted."""
-    parts = [np.zeros((5, 0))]
-    for index, parameter, values in free(effects):
-        largest = max(abs(value) for value in parameter.typical)
-        scale = np.maximum(np.abs(values), MIN_PARAMETER_SCALE * largest)
-        low = np.maximum(parameter.bounds[0], -FARTHEST * scale)
-        high = np.minimum(parameter.bounds[1], FARTHEST * scale)
-        lasts = not isinstance(effects[index].effect, External)
-        lasting = np.full(len(values), float(lasts))
-        parts.append(np.stack([values, scale, low, high, lasting]))
-    values, scale, low, high, lasting = np.concatenate(parts, axis=1)
-    return Coordinates(values, scale, low, high, lasting > 0)
-
-
-def with_values(
-    effects: tuple[AppliedEffect, ...], values: np.ndarray
-) -> tuple[AppliedEffect, ...]:
-    """The effects with other values, shape (P,), moved into their bounds."""
-    changed = [dict(applied.parameters) for applied in effects]
-    start = 0
-    for index, parameter, old in free(effects):
-        end = start + len(old)
-        shape = np.shape(effects[index].parameters[parameter.name])
-        new = np.clip(values[start:end], *parameter.bounds)
-        changed[index][parameter.name] = new.reshape(shape)
-        start = end
-    return tuple(
-        replace(applied, parameters=parameters)
-        for applied, parameters in zip(effects, changed, strict=True)
-    )
-
-
-# A hypothesis: the nominal arm with one explanation of the gap, and how its prediction moves with its parameters.
-
-
-STEP = 1e-3
-"""Step of the finite differences, in units of a parameter's scale [1]."""
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """One explanation.
-
-    Attributes:
-        words: what it says.
-        arm: the nominal arm.
-        effects: with values.
-    """
-
-    words: str
-    arm: NominalArm
-    effects: tuple[AppliedEffect, ...]
-
-    def predict(self, body: RigidBody, motion: Motion) -> np.ndarray:
-        """Torque that would be recorded, below the gap's cut-off [N m], (N, n)."""
-        torque = CorrectedArm(self.arm, self.effects).unlimited.predict(body, motion)
-        return low_pass(torque, motion.rate, TORQUE_CUTOFF)
-
-    def jacobian(self, body: RigidBody, motion: Motion, here: np.ndarray) -> np.ndarray:
-        """Derivative of the prediction ``here``, (N, n), by the parameters in units of their scales; (N, n, P)."""
-        at = coordinates(self.effects)
-        out = np.zeros((*here.shape, len(at.values)))
-        # a value at its upper bound can only go down
-        steps = np.where(at.values + STEP * at.scale <= at.high, STEP, -STEP)
-        for k, change in enumerate(np.diag(steps * at.scale)):
-            effects = with_values(self.effects, at.values + change)
-            moved = replace(self, effects=effects)
-            out[:, :, k] = (moved.predict(body, motion) - here) / steps[k]
-        return out
-
-    def elsewhere(self) -> Hypothesis:
-        """The hypothesis on another recording: an external force does not come again."""
-        lasting = tuple(e for e in self.effects if not isinstance(e.effect, External))
-        return replace(self, effects=lasting)
-
-
-# The recordings at hand, as the hypotheses are fitted to them and compared on them.
-
-
-@dataclass(frozen=True)
-class RecordedData:
-    """Conditioned recordings of one arm with n joints.
-
-    Attributes:
-        body: dynamics of the nominal arm.
-        segments: with torque, at about ``ADVICE_RATE``.
-        measured: recorded torque of each, filtered and trimmed as the gap is [N m], each (M, n).
-        floor: RMS that a healthy arm would leave on them [N m], (n,).
-    """
-
-    body: RigidBody
-    segments: tuple[Segment, ...]
-    measured: tuple[np.ndarray, ...]
-    floor: np.ndarray
-
-    @classmethod
-    def of(cls, case: Case, floor: np.ndarray) -> RecordedData:
-        """Of a case whose floor, as a share of ``gapscope.model.torque_gap.torque_scale``, is given; (n,).
-
-        Raises:
-            GapscopeError: no recording has a torque.
-        """
-        recordings = tuple(r for r in case.recordings if r.tau is not None)
-        if not recordings:
-            raise GapscopeError(
-                f"{case.name}: no recording carries a torque",
-                "give torque in column tau1..",
-            )
-        segments = tuple(
-            thinned(s, ADVICE_RATE) for r in recordings for s in condition(r)
-        )
-        measured = tuple(filtered_torque(s) for s in segments)
-        return cls(
-            RigidBody(case.arm),
-            segments,
-            measured,
-            floor * torque_scale(np.vstack(measured)),
-        )
-
-    def residual(self, hypothesis: Hypothesis) -> np.ndarray:
-        """Predicted minus recorded torque over the floor [1], all samples and joints in a row."""
-        parts = []
-        for segment, measured in zip(self.segments, self.measured, strict=True):
-            body = segment.bodies(self.body)
-            predicted = hypothesis.predict(body, segment.motion)[segment.inner]
-            parts.append(((predicted - measured) / self.floor).ravel())
-        return np.concatenate(parts)
-
-    def jacobian(self, hypothesis: Hypothesis) -> np.ndarray:
-        """Derivative of ``residual`` by the parameters in units of their scales, (M n, P)."""
-        parts = []
-        for segment in self.segments:
-            body = segment.bodies(self.body)
-            here = hypothesis.predict(body, segment.motion)
-            slopes = hypothesis.jacobian(body, segment.motion, here)[segment.inner]
-            in_floors = slopes / self.floor[:, None]
-            parts.append(in_floors.reshape(-1, slopes.shape[2]))
-        return np.vstack(parts)
-
-
-def fitted(present: RecordedData, hypothesis: Hypothesis) -> tuple[Hypothesis, float]:
-    """A hypothesis with the values that explain the recordings best, and the mean square it leaves in floors [1]."""
-    effects, start = hypothesis.effects, coordinates(hypothesis.effects)
-    scale = start.scale
-    if not len(scale):
-        return hypothesis, float(np.mean(present.residual(hypothesis) ** 2))
-
-    def at(x: np.ndarray) -> Hypothesis:
-        return replace(hypothesis, effects=with_values(effects, x * scale))
-
-    def slope(x: np.ndarray) -> np.ndarray:
-        here = at(x)
-        return present.jacobian(here) * (scale / coordinates(here.effects).scale)
-
-    low, high = start.low / scale, start.high / scale
-    # least_squares wants a start strictly inside the bounds
-    margin = RIDGE * np.minimum(high - low, 1.0)
-    first = np.clip(start.values / scale, low + margin, high - margin)
-    done = least_squares(
-        lambda x: present.residual(at(x)), first, slope, (low, high), max_nfev=FIT_STEPS
-    )
-    return at(done.x), float(np.mean(done.fun**2))
-
-
-def with_unknown(
-    present: RecordedData,
-    hypothesis: Hypothesis,
-    name: str,
-    joints: tuple[int, ...],
-    rng: np.random.Generator,
-) -> Hypothesis:
-    """A hypothesis with one more effect, whose values are found from several starts of the size of real arms'."""
-    scale = ArmScale.of(hypothesis.arm)
-    tried: list[tuple[float, int, Hypothesis]] = []
-    for number in range(FIT_DRAWS):
-        drawn: AppliedEffect = draw(name, rng, scale, joints or None)
-        started = replace(hypothesis, effects=(*hypothesis.effects, drawn))
-        mean_square = float(np.mean(present.residual(started) ** 2))
-        tried.append((mean_square, number, started))
-    best = [fitted(present, started) for _, _, started in sorted(tried)[:FIT_STARTS]]
-    return min(best, key=lambda pair: pair[1])[0]
-
+from gapscope.model.conditioning import Segment
+from gapscope.model.expected import ExpectedEvidence, Rivals
+from gapscope.model.rows import Rows
+from gapscope.model.terms import Terms
 
 # What a diagnosis leaves open: effects for which another would do as well.
 
@@ -361,43 +125,99 @@ def _words(rival: str, joints: tuple[int, ...]) -> str:
     )
 
 
-# From open questions to hypotheses, each with its own values.
+# From open questions to hypotheses, and what a motion is expected to say between them.
 
 
 def hypotheses(
-    arm: NominalArm,
-    effects: tuple[AppliedEffect, ...],
-    questions: list[Question],
-    present: RecordedData,
-) -> list[Hypothesis]:
-    """What was found, then for each question the same with the rival in place; all fitted to the recordings at hand.
+    effects: tuple[AppliedEffect, ...], questions: list[Question], last_link: int
+) -> list[set[tuple[str, int]]]:
+    """What was found, then for each question the same with the rival in place: effects with joint or link; 0: the arm.
 
     Args:
-        arm: the nominal arm.
-        effects: those found, with values.
+        effects: those found.
         questions: what is open.
-        present: the recordings.
+        last_link: the joint that moves it, from 1: a rival on a link is on that one.
     """
-    rng = np.random.default_rng(0)
-    out = [fitted(present, Hypothesis("what was found", arm, effects))[0]]
+    found = {(e.name, place) for e in effects for place in _places(e)}
+    out = [found]
     for question in questions:
-        rest = tuple(e for e in out[0].effects if not _asked(e, question))
-        with_rival = Hypothesis(question.other, arm, rest)
-        if question.rival == "none":
-            out.append(fitted(present, with_rival)[0])
-        else:
-            out.append(
-                with_unknown(
-                    present, with_rival, question.rival, question.rival_joints, rng
-                )
-            )
+        asked = {
+            (e.name, place)
+            for e in effects
+            if e.name == question.effect and question.link in (0, *_places(e))
+            for place in _places(e)
+        }
+        rival: set[tuple[str, int]] = set()
+        if question.rival != NONE:
+            on_link = by_name(question.rival).scope == "link"
+            places = (last_link,) if on_link else question.rival_joints or (0,)
+            rival = {(question.rival, place) for place in places}
+        out.append(found - asked | rival)
     return out
 
 
-def _asked(applied: AppliedEffect, question: Question) -> bool:
-    """Whether a question is about this effect."""
-    link = int(applied.parameters["link"]) if "link" in applied.parameters else 0
-    return applied.name == question.effect and link == question.link
+def _places(applied: AppliedEffect) -> tuple[int, ...]:
+    """The joints of an effect, or its link; 0 for the arm."""
+    if "link" in applied.parameters:
+        return (int(applied.parameters["link"]),)
+    return applied.joints or (0,)
+
+
+class PlannedEvidence:
+    """What planned motions are expected to say between hypotheses.
+
+    Args:
+        case: with the recordings at hand.
+        sets: the hypotheses, as ``hypotheses`` gives them.
+
+    Raises:
+        GapscopeError: no recording has a torque.
+    """
+
+    def __init__(self, case: Case, sets: Sequence[Collection[tuple[str, int]]]) -> None:
+        recordings = [r for r in case.recordings if r.tau is not None]
+        if not recordings:
+            raise GapscopeError(
+                f"{case.name}: no recording carries a torque",
+                "give torque in column tau1..",
+            )
+        self._search = search_of(case.arm, recordings)
+        self.rivals = Rivals(self._search.arm, self._search.rivals(sets))
+        arm = self._search.arm
+        terms = Terms(arm.arm.n_joints, {}, arm.arm.coupled_motors)
+        self._nominal = arm.corrected(terms).unlimited
+
+    def on(self, motion: Motion, payload: KnownLoad | None) -> list[ExpectedEvidence]:
+        """What a motion with a payload is expected to say between each two of them."""
+        search, present = self._search, self._search.rows
+        torque = self._nominal.predict(search.arm.body.carrying(payload), motion)
+        segment = Segment("planned", motion, torque, payload=payload)
+        rows = Rows([[[segment]]], present.cutoff, 1)
+        rows.scale = present.scale
+        rows.held(*present.holding)
+        return self.rivals.on(search.design_on(rows, self.rivals.effects))
+
+    def separator(self, payload: KnownLoad | None) -> Separator:
+        """The least of it, in the place of what ``gapscope.ident.excitation`` makes large."""
+
+        def separate(motion: Motion, matrix: np.ndarray) -> Separated:
+            return Separated(
+                min(pair.evidence for pair in self.on(motion, payload)), {}
+            )
+
+        return separate
+
+    def effects(self) -> list[tuple[AppliedEffect, ...]]:
+        """The effects of each hypothesis, with the values that explain the recordings best."""
+        out = []
+        for fit in self.rivals.fits:
+            terms = fit.contrast.design.terms
+            theta = np.zeros(terms.size)
+            for one, value in fit.values.items():
+                theta[list(one.term.columns)] = value
+            chosen = [one.term for one in fit.mine]
+            out.append(terms.effects(terms.clipped(theta), chosen))
+        return out
 
 
 # What the next recording may be: motions of several speeds, without and with a known payload.
@@ -466,188 +286,6 @@ def options(payload: KnownLoad | None, fastest: float) -> list[MotionOption]:
     return [MotionOption(name, load) for name in chosen for load in loads]
 
 
-# How far the predictions of hypotheses are apart on a motion, once each has been refitted as far as data allow.
-#
-# Of two hypotheses the true one, A, predicts y_A; the other, B, y_B + J_B x when its parameters move by x, and the
-# errors v of the nominal inertials move it by N v. What B cannot follow is the contrast of the two, in units of the
-# floor s:
-#
-#     d^2 = min over x, v of [ |(y_B + J_B x + N v - y_A) / s|^2 over all data + |v / sigma|^2 ] - the same of the old
-#
-# per independent sample of the new motion, summed over joints; the lesser of A, B and B, A counts. This is the
-# T-criterion for rival models, with what is known already as a part of the data [atkinson1975].
-
-
-class WeightedPredictions(NamedTuple):
-    """Predictions on some data, in floors; H hypotheses.
-
-    Attributes:
-        torque: predictions, each row weighed, (H, M, n).
-        slopes: per hypothesis the derivatives by its own parameters and by the inertials, (M, n, P + 10 n).
-        samples: independent samples [1].
-    """
-
-    torque: np.ndarray
-    slopes: list[np.ndarray]
-    samples: float
-
-
-class HypothesisContrast(NamedTuple):
-    """Contrast of two hypotheses: their places, d on the present recordings and on the new motion [1], joint from 1."""
-
-    first: int
-    second: int
-    present: float
-    new: float
-    joint: int
-
-
-@dataclass(frozen=True)
-class _Quadratic:
-    """|r + S x|^2 as a function of x: S^T S, S^T r, |r|^2, over independent samples."""
-
-    gram: np.ndarray
-    slope: np.ndarray
-    rest: float
-
-    def plus(self, other: _Quadratic) -> _Quadratic:
-        return _Quadratic(
-            self.gram + other.gram, self.slope + other.slope, self.rest + other.rest
-        )
-
-    def least(self) -> tuple[float, np.ndarray]:
-        """The least value and its x."""
-        x = -np.linalg.solve(self.gram, self.slope)
-        return max(self.rest + float(self.slope @ x), 0.0), x
-
-
-class Contrast:
-    """Contrast of hypotheses; the torque of a known payload may be a part of the new motion's bodies.
-
-    Args:
-        arm: the nominal arm.
-        hypotheses: two or more, fitted to the present recordings.
-        present: these recordings.
-        body: dynamics of the arm on the new motion: the nominal arm's, or with a known payload.
-    """
-
-    def __init__(
-        self,
-        arm: NominalArm,
-        hypotheses: list[Hypothesis],
-        present: RecordedData,
-        body: RigidBody,
-    ) -> None:
-        self._hypotheses, self.body, self._floor = hypotheses, body, present.floor
-        self._coulomb = np.abs(arm.coulomb)
-        self._inertial_scale = inertial_scale(present.body)
-        self.pairs = list(itertools.permutations(range(len(hypotheses)), 2))
-        known = self._on_recordings(present)
-        self._known = [
-            self._prior(b).plus(_following(known, a, b)) for a, b in self.pairs
-        ]
-        self._least = [quadratic.least()[0] for quadratic in self._known]
-        self.present = [float(np.sqrt(least / known.samples)) for least in self._least]
-
-    def on(self, motion: Motion) -> list[HypothesisContrast]:
-        """Contrast of each two hypotheses on a new motion; the lesser of both directions."""
-        new = self._on_motion(motion)
-        out: dict[tuple[int, int], HypothesisContrast] = {}
-        for index, (a, b) in enumerate(self.pairs):
-            total, x = self._known[index].plus(_following(new, a, b)).least()
-            increase = max(total - self._least[index], 0.0)
-            contrast = float(np.sqrt(increase / new.samples))
-            first, second = min(a, b), max(a, b)
-            known = out.get((first, second))
-            if known is None or contrast < known.new:
-                residual = new.torque[b] - new.torque[a] + new.slopes[b] @ x
-                joint = int((residual**2).mean(axis=0).argmax()) + 1
-                out[first, second] = HypothesisContrast(
-                    first, second, self.present[index], contrast, joint
-                )
-        return list(out.values())
-
-    def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
-        """The least contrast, in the place of what ``gapscope.ident.excitation.trajectory_search`` makes large."""
-        return Separated(min(pair.new for pair in self.on(motion)), {})
-
-    def _on_recordings(self, present: RecordedData) -> WeightedPredictions:
-        """Predictions on all present recordings, thinned: more rows than twice the band hold nothing new."""
-        parts = []
-        for segment in present.segments:
-            motion, step = segment.motion, 2 * TORQUE_CUTOFF
-            every = max(1, int(motion.rate / step))
-            rows = np.arange(len(motion.t))[segment.inner][::every]
-            body = segment.bodies(present.body)
-            parts.append(self._weighted(self._hypotheses, body, motion, rows))
-        slopes = [
-            np.vstack([part.slopes[h] for part in parts])
-            for h in range(len(self._hypotheses))
-        ]
-        torque = np.concatenate([part.torque for part in parts], axis=1)
-        durations = [float(s.motion.t[-1] - s.motion.t[0]) for s in present.segments]
-        samples = band_samples(sum(durations), TORQUE_CUTOFF)
-        return WeightedPredictions(torque, slopes, samples)
-
-    def _on_motion(self, motion: Motion) -> WeightedPredictions:
-        """Predictions on a new motion, on which parameters of what does not last have no effect."""
-        rows = np.arange(len(motion.t))
-        elsewhere = [hypothesis.elsewhere() for hypothesis in self._hypotheses]
-        weighted = self._weighted(elsewhere, self.body, motion, rows)
-        bodies, slopes = len(self._inertial_scale), []
-        for hypothesis, given in zip(self._hypotheses, weighted.slopes, strict=True):
-            own = coordinates(hypothesis.effects).lasting
-            lasting = np.r_[own, np.ones(bodies, dtype=bool)]
-            every = np.zeros((*given.shape[:2], len(lasting)))
-            every[:, :, lasting] = given
-            slopes.append(every)
-        seconds = float(motion.t[-1] - motion.t[0])
-        samples = band_samples(seconds, TORQUE_CUTOFF)
-        return weighted._replace(slopes=slopes, samples=samples)
-
-    def _weighted(
-        self,
-        hypotheses: list[Hypothesis],
-        body: RigidBody,
-        motion: Motion,
-        rows: np.ndarray,
-    ) -> WeightedPredictions:
-        """Predictions and slopes at some rows over the floor; rows at which a joint may stick count less."""
-        q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]
-        inertial = body.regressor(q, dq, ddq) * self._inertial_scale
-        # of a smoothed direction s the share sqrt(1 - s^2) of dry friction is not known
-        unknown2 = 1.0 - smooth_sign(dq / body.per_radian) ** 2
-        weight = 1.0 / np.sqrt(self._floor**2 + self._coulomb**2 * unknown2)
-        torque, slopes = [], []
-        for hypothesis in hypotheses:
-            here = hypothesis.predict(body, motion)
-            own = hypothesis.jacobian(body, motion, here)[rows]
-            columns = np.concatenate([own, inertial], axis=2)
-            torque.append(here[rows] * weight)
-            slopes.append(columns * weight[:, :, None])
-        return WeightedPredictions(np.array(torque), slopes, float(len(rows)))
-
-    def _prior(self, b: int) -> _Quadratic:
-        """The prior of hypothesis b: its own parameters are free, the inertials near the nominal ones."""
-        size = len(coordinates(self._hypotheses[b].effects).values)
-        own = np.full(size, RIDGE)
-        inertial = np.full(len(self._inertial_scale), INERTIAL_ERROR**-2)
-        gram = np.diag(np.concatenate([own, inertial]))
-        return _Quadratic(gram, np.zeros(len(gram)), 0.0)
-
-
-def _following(data: WeightedPredictions, a: int, b: int) -> _Quadratic:
-    """Squared distance of B, as its parameters move, from A, over independent samples."""
-    share = data.samples / data.torque.shape[1]
-    slopes = data.slopes[b].reshape(-1, data.slopes[b].shape[2])
-    residual = (data.torque[b] - data.torque[a]).ravel()
-    return _Quadratic(
-        share * slopes.T @ slopes,
-        share * slopes.T @ residual,
-        share * float(residual @ residual),
-    )
-
-
 # From a diagnosis to the recording that would settle what it leaves open.
 
 
@@ -684,17 +322,18 @@ class Advice:
 
     Attributes:
         questions: what is open.
-        hypotheses: what was found, then one per question with the rival in place; empty if nothing is open.
-        pairs: contrast of each two of them; empty likewise.
-        tried: options with the least contrast that a short search reached, ``None`` if it kept no limits.
+        hypotheses: effects of what was found, then for each question those with the rival in place; empty if nothing
+            is open.
+        pairs: what the motion is expected to say between each two of them; empty likewise.
+        tried: options with the least evidence that a short search reached, ``None`` if it kept no limits.
         option: the one chosen, or ``None`` if nothing is open.
         plan: of the search.
         excitation: the motion found; ``None`` if no recording is needed.
     """
 
     questions: tuple[Question, ...]
-    hypotheses: tuple[Hypothesis, ...] = ()
-    pairs: tuple[HypothesisContrast, ...] = ()
+    hypotheses: tuple[tuple[AppliedEffect, ...], ...] = ()
+    pairs: tuple[ExpectedEvidence, ...] = ()
     tried: tuple[tuple[MotionOption, float | None], ...] = ()
     option: MotionOption | None = None
     plan: ExcitationPlan | None = None
@@ -724,7 +363,9 @@ def advise(
     unexplained = document["verdict"] == "unexplained"
     with threadpool_limits(1):
         if questions:
-            return _separating(case, document, effects, questions, request, progress)
+            if any(entry["effect"] not in CATALOGUE for entry in document["effects"]):
+                case = repaired(case, find_setup_faults(case))
+            return _separating(case, effects, questions, request, progress)
         if unexplained or document["unexplained"]["above_floor"]:
             return _general(case, request, progress)
     return Advice(())
@@ -741,7 +382,6 @@ def _general(case: Case, request: AdviceRequest, progress: Progress) -> Advice:
 
 def _separating(
     case: Case,
-    document: Mapping[str, Any],
     effects: tuple[AppliedEffect, ...],
     questions: list[Question],
     request: AdviceRequest,
@@ -754,19 +394,9 @@ def _separating(
     Raises:
         InputError: the limits allow none of the options.
     """
-    if any(entry["effect"] not in CATALOGUE for entry in document["effects"]):
-        case = repaired(case, find_setup_faults(case))
-    floor = np.array(document["gap"]["before"]["floor"], dtype=float)
-    present = RecordedData.of(case, floor)
-    rivals = hypotheses(case.arm, effects, questions, present)
-    contrasts: dict[MotionOption, Contrast] = {}
-    by_payload: dict[KnownLoad | None, Contrast] = {}
-    for option in options(request.payload, request.fastest):
-        load = option.payload
-        if load not in by_payload:
-            body = present.body.carrying(load)
-            by_payload[load] = Contrast(case.arm, rivals, present, body)
-        contrasts[option] = by_payload[load]
+    every, body = options(request.payload, request.fastest), RigidBody(case.arm)
+    asked = hypotheses(effects, questions, body.last_link + 1)
+    evidence = PlannedEvidence(case, asked)
     rng = np.random.default_rng(request.seed)
 
     def search(option: MotionOption, share: float, begun: float) -> PreparedSearch:
@@ -778,14 +408,14 @@ def _separating(
             replace(option.plan(request.rate), budget=budget),
             request.limits,
             lambda done, best: progress(begun + share * done, best),
-            contrasts[option].separate,
-            contrasts[option].body,
+            evidence.separator(option.payload),
+            body.carrying(option.payload),
         )
 
     tried: list[tuple[MotionOption, float | None]] = []
     refused: InputError | None = None
-    each = SCREENING_SHARE / len(contrasts)
-    for k, option in enumerate(contrasts):
+    each = SCREENING_SHARE / len(every)
+    for k, option in enumerate(every):
         try:
             short = search(option, each, k * each).search
         except InputError as error:
@@ -793,7 +423,7 @@ def _separating(
             tried.append((option, None))
             continue
         random_search(short, rng)
-        # the search makes the negative logarithm of the contrast small
+        # the search makes the negative logarithm of the evidence small
         reached = float(np.exp(-short.found[-1].value)) if short.found else None
         tried.append((option, reached))
     if refused is not None and all(reached is None for _, reached in tried):
@@ -803,8 +433,8 @@ def _separating(
     excitation = design(prepared, rng)
     return Advice(
         tuple(questions),
-        tuple(rivals),
-        tuple(contrasts[option].on(excitation.motion)),
+        tuple(evidence.effects()),
+        tuple(evidence.on(excitation.motion, option.payload)),
         tuple(tried),
         option,
         prepared.plan,
@@ -813,7 +443,7 @@ def _separating(
 
 
 def _chosen(tried: list[tuple[MotionOption, float | None]]) -> MotionOption:
-    """The option with the largest contrast; a payload must be worth its trouble.
+    """The option with the largest evidence; a payload must be worth its trouble.
 
     If no short search met the limits, the full one starts at the moderate speed, or the first offered.
     """
@@ -831,7 +461,7 @@ def _chosen(tried: list[tuple[MotionOption, float | None]]) -> MotionOption:
 
 
 def lines(advice: Advice, document: Mapping[str, Any]) -> list[str]:
-    """What is open, how far the predictions differ on the present and on the new recording, and what was chosen."""
+    """What is open, what the new recording is expected to say of it, and what was chosen."""
     if not advice.questions:
         return list(_nothing_between(advice, document))
     out = list(_questions(advice))
@@ -865,39 +495,44 @@ def _nothing_between(advice: Advice, document: Mapping[str, Any]) -> Iterable[st
 
 
 def _questions(advice: Advice) -> Iterable[str]:
-    for k, question in enumerate(advice.questions, 1):
-        pair = next(p for p in advice.pairs if (p.first, p.second) == (0, k))
+    names = ["what was found", *(question.other for question in advice.questions)]
+    for question in advice.questions:
         yield (
             f"Still open: {question.found}, or {question.other}, which has a probability of "
             f"{percent(question.probability)}."
         )
-        yield f"  {_compared(pair)}"
-    names = ["what was found", *(question.other for question in advice.questions)]
     for pair in advice.pairs:
-        if pair.first > 0:
-            yield f"Between {names[pair.first]} and {names[pair.second]}:"
-            yield f"  {_compared(pair)}"
+        yield (
+            f"Between {names[pair.first]} and {names[pair.second]} the new recording is expected to give an evidence "
+            f"of {significant(pair.evidence, 2)} nats: the wrong one should keep a probability of "
+            f"{percent(_kept(advice, pair))}; most by joint {pair.joint}."
+        )
 
 
-def _compared(pair: HypothesisContrast) -> str:
-    times = pair.new / max(pair.present, RIDGE)
-    more = f", {significant(times, 2)} times as much" if 1.0 < times < 1e3 else ""
-    return (
-        f"their predictions differ by {significant(pair.present, 2)} times the floor on the present recordings, and by "
-        f"{significant(pair.new, 2)} times the floor on the new one{more}; most on joint {pair.joint}."
+def _kept(advice: Advice, pair: ExpectedEvidence, times: int = 1) -> float:
+    """Probability that the wrong one of two hypotheses should keep beside the other, after some recordings [1]."""
+    odds = [
+        0.0,
+        *(np.log(q.probability / (1.0 - q.probability)) for q in advice.questions),
+    ]
+    return float(
+        expit(abs(odds[pair.first] - odds[pair.second]) - times * pair.evidence)
     )
 
 
 def _verdict(advice: Advice) -> Iterable[str]:
-    least = min(pair.new for pair in advice.pairs)
-    if least >= SETTLES:
+    once, repeated = (
+        max(_kept(advice, pair, times) for pair in advice.pairs)
+        for times in (1, TIMES_RECORDED)
+    )
+    if once < OPEN_ALTERNATIVE:
         yield "That should settle it: record it, add it to the case, and diagnose again."
-    elif least >= MAY_SETTLE:
+    elif repeated < OPEN_ALTERNATIVE:
         yield "That may settle it: record it two or three times, add it to the case, and diagnose again."
     else:
         yield (
-            "That will hardly settle it: within these limits no motion was found on which they differ by more. Wider "
-            "limits, a known payload (--payload), a joint torque sensor or an encoder behind the gears may."
+            "That will hardly settle it: within these limits no motion was found that says more. Wider limits, a known "
+            "payload (--payload), a joint torque sensor or an encoder behind the gears may."
         )
 
 
@@ -907,7 +542,7 @@ def _choice(advice: Advice) -> Iterable[str]:
         (option.words, "breaks the limits" if d is None else significant(d, 2))
         for option, d in advice.tried
     ]
-    yield f"Chosen: {advice.option.words}. Reached in a short search, in floors:"
+    yield f"Chosen: {advice.option.words}. Reached in a short search, in nats:"
     yield from (f"  {words}: {reached}" for words, reached in known)
     if advice.option.payload is not None:
         x, y, z = (f"{number:g}" for number in advice.option.payload.com)

@@ -259,15 +259,8 @@ COVARIATE_CHANGE = 0.1
 COVARIATE_TEMPERATURE = 2.0  # ...or, a temperature, by this much [K]. (physical)
 
 # --- advice: the next recording
-# A parameter's scale is at least this share of the largest value met on real arms [1]. (hand)
-MIN_PARAMETER_SCALE = 0.05
 DESIGNED_ALTERNATIVES = 3  # Most alternatives that one recording is designed for; the most probable ones. (hand)
-ADVICE_RATE = 100.0  # Recordings are decimated to no less than this [Hz]. (budget)
-FIT_DRAWS = 12  # Starts that are tried for an effect whose values are not known. (budget)
-FIT_STARTS = 2  # The best of them from which values are fitted. (budget)
-FIT_STEPS = 12  # Most steps of a fit. (budget)
 SCREENING_SHARE = 0.3  # Share of the evaluations that go to comparing the options [1]. (budget)
 MIN_SCREENING = 20  # Evaluations for each option, at least. (budget)
-PAYLOAD_WORTH = 1.25  # A payload is mounted if it raises the contrast by this factor [1]. (hand)
-SETTLES = 2.0  # Contrast from which on a recording settles a question [floors]... (hand)
-MAY_SETTLE = 0.5  # ...and from which on it may [floors]. (hand)
+PAYLOAD_WORTH = 1.25  # A payload is mounted if it raises the expected evidence by this factor [1]. (hand)
+TIMES_RECORDED = 3  # A motion may be recorded so many times to settle a question. (hand)

@@ -491,6 +491,16 @@ class Contrast:
             own[some, p] += one
         return shared, own
 
+    def nuisance_roots(self) -> np.ndarray:
+        """Root R of the covariance R R^T of what is shared and of what groups have that is no term, (P, N)."""
+        half = forward(self._factor, np.diag(self._units))
+        out = np.zeros((self.design.size, len(half)))
+        count = len(self._shared)
+        out[self._shared] = half[:, :count].T
+        for (_, place), row in zip(self._own, half[:, count:].T, strict=True):
+            out[place] += row
+        return out
+
     def covariance(self) -> np.ndarray:
         """Covariance of what is shared, (P, P)."""
         out = np.zeros((self.design.size, self.design.size))

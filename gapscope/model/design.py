@@ -281,6 +281,7 @@ def design(
     arm: FreeArm,
     shapes: Mapping[Term, tuple[float, ...]],
     units: Mapping[Term, np.ndarray] | None = None,
+    only: Collection[str] | None = None,
 ) -> Design:
     """Columns about an arm.
 
@@ -289,10 +290,11 @@ def design(
         arm: what all groups share.
         shapes: nonlinear parameters of the terms that have some.
         units: of the terms that another design has, so that their priors are the same.
+        only: effects whose terms are wanted; all if ``None``.
     """
     n = arm.arm.n_joints
     terms = Terms(n, dict(shapes), arm.arm.coupled_motors)
-    every_part = [_part(rows, k, arm, terms) for k in range(len(rows.segments))]
+    every_part = [_part(rows, k, arm, terms, only) for k in range(len(rows.segments))]
     bodies_of, parts = zip(*every_part, strict=True)
     matrices, inertial, forces, gaps = zip(*parts, strict=True)
     scale = rows.scale[:, None]
@@ -303,6 +305,8 @@ def design(
     nominal = arm.body.inertial_parameters().reshape(n, 10)
     for term in terms.all:
         effect, j = term.definition, term.joint - 1
+        if only is not None and term.effect not in only:
+            continue
         if is_link_change(term) and isinstance(effect, LinkChange):
             # about an unchanged link
             tangent = effect.tangent(nominal[j], j, np.zeros(len(term.columns)))
@@ -402,7 +406,11 @@ def is_day_friction(term: Term) -> bool:
 
 
 def _part(
-    rows: Rows, k: int, arm: FreeArm, terms: Terms
+    rows: Rows,
+    k: int,
+    arm: FreeArm,
+    terms: Terms,
+    only: Collection[str] | None = None,
 ) -> tuple[Bodies, PartOfDesign]:
     """What a design takes of a segment; what searched parameters do not change is kept until another arm is asked for.
 
@@ -425,14 +433,18 @@ def _part(
     # of torque beyond a limit only what reached the joint counts
     delivered = arm.corrected(terms).delivered(segment.recorded_torque)
     part = PartOfDesign(
-        columns(at, rows),
+        columns(at, rows, only),
         # bodies of both groups as their torque is recorded, whatever lies on the way to it
         rows.thin(at.as_recorded(regressor), segment),
         rows.thin(bodies.force, segment),
         rows.thin(segment.bridged(delivered - at.torque), segment),
     )
     # searched columns change from look to look: only others are worth keeping
-    if not searched and part.terms.size * len(rows.segments) < MAX_KEPT:
+    if (
+        only is None
+        and not searched
+        and part.terms.size * len(rows.segments) < MAX_KEPT
+    ):
         rows.kept.parts[id(segment)] = segment, part
     return bodies, part
 

@@ -6,7 +6,7 @@ says how few (``variance_inflation``, its reciprocal per sample), wherever there
 of parameters, tests of the residual network.
 
 Before a recording exists, or where its content does not matter, the band says how many there can be at most:
-``band_samples``, 2 B T over T seconds with bandwidth B, in the advice, the least length of a recording, and the sample
+``band_samples``, 2 B T over T seconds with bandwidth B, in the least length of a recording and the sample
 count of an identification; ``motion_samples``, r T at a fixed rate, in the test for setup faults, which are gross.
 """
 

@@ -13,15 +13,18 @@ the gap of some joint beyond what is left there, r, by v: sqrt(r^2 + c^2 x^2) >=
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from gapscope.model.design import MIN_TORQUE, Design
-from gapscope.model.difference import Difference, Weigher
+from gapscope.effects.effect import External
+from gapscope.model.design import MIN_TORQUE, Design, FreeArm, about
+from gapscope.model.difference import Difference, Fit, Weigher
+from gapscope.model.equations import Equations, carried_over, forward, lower
 from gapscope.model.terms import Term
 
 HALF, MOST = 0.5, 0.9
@@ -139,3 +142,151 @@ def rising_root(above: Callable[[float], float], largest: float) -> float:
     if above(0.0) >= 0:
         return 0.0
     return float(brentq(above, 0.0, largest, xtol=1e-6 * largest))
+
+
+# What a motion that is only planned would tell between hypotheses of the recordings at hand.
+#
+# If A holds, the motion has the torque y_A. B says y_B + X d of it, with d ~ N(0, C) what the recordings at hand leave
+# open of B, and N the covariance of noise and of what each motion has of its own. The evidence for A that is expected,
+#
+#     1/2 (y_A - y_B)^T (N + X C X^T)^-1 (y_A - y_B),
+#
+# is what B cannot follow: the T-criterion for rival models, with what is known already as a part of the data
+# [atkinson1975]. The lesser of A, B and B, A counts.
+
+
+@dataclass(frozen=True)
+class ExpectedEvidence:
+    """What a planned motion is expected to say between two hypotheses.
+
+    Attributes:
+        first, second: their places.
+        evidence: for the one that holds [nats].
+        joint: the joint that says most, from 1.
+    """
+
+    first: int
+    second: int
+    evidence: float
+    joint: int
+
+
+class Rivals:
+    """Hypotheses of the same recordings, none of whose terms is of one recording alone on another motion.
+
+    Args:
+        arm: what all groups share.
+        fits: the hypotheses, H of them.
+    """
+
+    def __init__(self, arm: FreeArm, fits: Sequence[Fit]) -> None:
+        self.arm, self.fits = arm, fits
+        effects = {one.effect for fit in fits for one in fit.mine}
+        places = fits[0].contrast.design.places
+        sheet = {t.effect for t in places if t.parametrisation.data_sheet is not None}
+        self.effects = effects | sheet
+        bodies = np.arange(10 * arm.arm.n_joints)
+        asked = [own for term, own in places.items() if term.effect in self.effects]
+        self._asked = np.concatenate([bodies, *asked])
+        self._left_open = [_left_open(fit, self._asked) for fit in fits]
+
+    def on(self, made: Design) -> list[ExpectedEvidence]:
+        """What a planned motion is expected to say between each two of them, whatever torque its design takes.
+
+        Args:
+            made: columns of the motion, those of ``effects``.
+        """
+        contrast = self.fits[0].contrast
+        error = carried_over(
+            contrast.error,
+            contrast.equations,
+            Equations(made, [[] for _ in made.gap.T]),
+        )
+        factors = [
+            lower((x * own2) @ x.T / noise2) * np.sqrt(noise2)
+            for x, own2, noise2 in zip(
+                made.columns, error.own2, error.noise2, strict=True
+            )
+        ]
+        every = [self._predicted(h, made, factors) for h in range(len(self.fits))]
+        out = []
+        for a, b in itertools.combinations(range(len(every)), 2):
+            apart = every[b][0] - every[a][0]
+            told = [_beyond(apart, columns) for _, columns in (every[a], every[b])]
+            least = min(told, key=lambda each: float(each.sum()))
+            joint = int(least.argmax()) + 1
+            out.append(ExpectedEvidence(a, b, float(least.sum()) / 2, joint))
+        return out
+
+    def _predicted(
+        self, number: int, made: Design, factors: Sequence[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What a hypothesis leaves of the torque, (n, M), and columns of what is open of it, (n, M, Q), over noise."""
+        fit, root = self.fits[number], self._left_open[number]
+        known, count = fit.contrast.design, len(self._asked)
+        values = {
+            one: value
+            for one, value in fit.values.items()
+            if not isinstance(one.term.definition, External)
+        }
+        gap, columns_of = about(made, self.arm, values)
+        # what the recordings at hand do not show is as it was believed
+        place_of = np.full(made.size, -1)
+        bodies = 10 * self.arm.arm.n_joints
+        place_of[:bodies] = range(bodies)
+        for term, places in made.places.items():
+            if term in known.places:
+                place_of[places] = known.places[term]
+        told = place_of >= 0
+        shared, own = fit.own.nuisances(fit.values)
+        value = np.where(told, (shared + own[0])[place_of], 0.0)
+        row_of = {place: row for row, place in enumerate(self._asked.tolist())}
+        new = np.flatnonzero(~told & (made.prior > 0))
+        open_ = np.zeros((made.size, root.shape[1] + len(new)))
+        rows_of = [row_of[place] for place in place_of[told].tolist()]
+        open_[told, : root.shape[1]] = root[rows_of]
+        open_[new, root.shape[1] + np.arange(len(new))] = made.prior[new]
+        left = gap - made.shared_torque(value)
+        starts = dict(zip(fit.values, _places_of(fit), strict=True))
+        rows, slopes = [], []
+        for j, factor in enumerate(factors):
+            x = made.columns[j] @ open_[made.active[j]]
+            for one, columns in columns_of.items():
+                scaled = values[one] * made.units[one.term]
+                left[:, j] -= columns[j] @ scaled
+                x[:, : root.shape[1]] += columns[j] @ root[count + starts[one]]
+            rows.append(forward(factor, left[:, j]))
+            slopes.append(forward(factor, x))
+        return np.array(rows), np.array(slopes)
+
+
+def _places_of(fit: Fit) -> list[np.ndarray]:
+    """Places of the coordinates of each term that groups have among those of all of them."""
+    ends = np.cumsum([len(value) for value in fit.values.values()])
+    return np.split(np.arange(ends[-1]), ends[:-1]) if len(ends) else []
+
+
+def _left_open(fit: Fit, asked: np.ndarray) -> np.ndarray:
+    """Root R of the covariance R R^T of some columns and of the terms that groups have, in torque, (P + K, Q)."""
+    own, units = fit.own, fit.contrast.design.units
+    shared = own.contrast.nuisance_roots()[asked]
+    if not fit.mine:
+        return np.asarray(np.linalg.qr(shared.T, "r")).T
+    scale = np.concatenate([units[one.term] for one in fit.mine])
+    places = [k for k, one in enumerate(fit.chosen) if not one.everybody]
+    ends = np.cumsum([0, *(len(fit.answer.values[one]) for one in fit.chosen)])
+    mine = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in places])
+    covariance = fit.answer.covariance[np.ix_(mine, mine)] * scale[:, None] * scale
+    power, axes = np.linalg.eigh(covariance)
+    root = axes * np.sqrt(np.maximum(power, 0.0))
+    moved = -shared @ own.back(own.joined(fit.mine)) @ root
+    none = np.zeros((len(root), shared.shape[1]))
+    whole = np.block([[shared, moved], [none, root]])
+    return np.asarray(np.linalg.qr(whole.T, "r")).T
+
+
+def _beyond(apart: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Squares of a difference, (n, M), beyond what columns of unit deviation can follow, (n, M, Q), by joint, (n,)."""
+    x, y = columns.reshape(-1, columns.shape[2]), apart.ravel()
+    solved = np.linalg.solve(x.T @ x + np.eye(x.shape[1]), x.T @ y)
+    return np.asarray((apart * (apart - columns @ solved)).sum(axis=1))

@@ -27,7 +27,6 @@ from gapscope.diagnosis.diagnose_change import (
 )
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.diagnosis.next_recording import RecordedData
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.effects.applied import AppliedEffect
@@ -37,7 +36,6 @@ from gapscope.model.conditioning import Segment, blocks, condition, thinned
 from gapscope.model.jacobian import Bodies, LinearisationPoint, columns
 from gapscope.model.rows import DecimatedSegments
 from gapscope.model.terms import Terms
-from gapscope.model.torque_gap import torque_gap
 
 LOAD = KnownLoad(2.0, (0.1, -0.03, 0.05))
 CUTOFF = 10.0
@@ -206,13 +204,6 @@ class TestSegment:
         expected = reading(loaded(Truth()), moved, s.motion.t)
         error = (predicted - expected)[s.inner]
         assert np.abs(error).max() < 0.02 * np.abs(expected).max()
-
-    def test_hypotheses_of_the_next_recording_carry_it(self) -> None:
-        for declared, small in ((True, True), (False, False)):
-            present = RecordedData.of(case(declared=declared), np.full(3, 0.02))
-            nominal = CorrectedArm(synthetic.arm())
-            gap = torque_gap(nominal, synthetic.body(), list(present.segments)).nrmse
-            assert (gap.max() < 0.02) == small
 
 
 class TestDiagnosis:

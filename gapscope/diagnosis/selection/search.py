@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize
@@ -302,10 +303,37 @@ class SheetSearch(Search):
             sets[both] = max(total, sets.get(both, -np.inf))
         return replace(found, fit=fit, sets=sets)
 
-    def design_on(self, rows: Rows) -> Design:
-        """The same columns of other motions."""
+    def design_on(self, rows: Rows, only: Collection[str] | None = None) -> Design:
+        """The same columns of other motions, or those of some effects."""
         units = self._first.design.units
-        return self._believed(design(rows, self.arm, self._shapes, units))
+        return self._believed(design(rows, self.arm, self._shapes, units, only))
+
+    def rivals(self, sets: Sequence[Collection[tuple[str, int]]]) -> list[Fit]:
+        """Hypotheses of effects on joints, beside the noise and form error that the first one leaves."""
+        self.unsearched()
+        first = self._with_effects(sets[0])
+        self._prepared(self._torque(first))
+        self._look(first)
+        return [self._with_effects(some) for some in sets]
+
+    def _with_effects(self, some: Collection[tuple[str, int]]) -> Fit:
+        """The hypothesis of effects on joints, compliant ones from where they explain most."""
+        terms = [
+            term
+            for term in self._equations.design.places
+            if (term.effect, term.joint) in some
+        ]
+        compliant = [t for t in terms if isinstance(t.definition, Transmission)]
+        rigid = [Candidate(term, EVERYONE) for term in terms if term not in compliant]
+        fit = self._fit(rigid, {}, {})
+        for term in compliant:
+            one, scan = Candidate(term, EVERYONE), Scan(self, fit, {term.joint})
+            values = dict(fit.values)
+            for other, start in scan.starts():
+                if other == term:
+                    values[one] = scan.refined(term, start)[0]
+            fit = self._fit([*fit.chosen, one], values, {})
+        return fit
 
     def with_motors(self, coupling: np.ndarray) -> SheetSearch:
         """The same search of an arm with coupled motors, (n, n)."""
@@ -432,7 +460,7 @@ class SheetSearch(Search):
             prior[places] = self._healthy(term, made)
         return prior
 
-    @property
+    @cached_property
     def _of_errors(self) -> np.ndarray:
         """Inertial parameters, over their size, by errors of masses, centres and shapes, (10 n, 10 n)."""
         body = self.arm.body

@@ -60,6 +60,8 @@ from gapscope.ident.model.base_parameters import (
     condition_number,
 )
 from gapscope.ident.model.regressor import JOINT_COLUMNS
+from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.rows import PER_CUTOFF
 
 # An exciting trajectory into files: CSV in the columns of the case format, and a ROS ``JointTrajectory``.
 
@@ -450,8 +452,8 @@ TRIES = 20
 """Candidates that are checked at every sample, the best first, before giving up."""
 JUDGED = 2000
 """Most samples on which condition number and separation are stated."""
-SEPARATING_RATE = 50.0
-"""Samples per second of a candidate that is scored by predictions over time [Hz]."""
+SEPARATING_RATE = 2 * PER_CUTOFF * TORQUE_CUTOFF
+"""Samples per second of a candidate that is scored by predictions over time [Hz]: every other one is a row."""
 
 
 @dataclass(frozen=True)

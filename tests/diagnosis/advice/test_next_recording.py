@@ -17,24 +17,19 @@ from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.next_recording import (
     Advice,
     AdviceRequest,
-    Hypothesis,
-    HypothesisContrast,
     MotionOption,
     Question,
-    RecordedData,
     advise,
-    fitted,
     lines,
     open_questions,
     options,
 )
 from gapscope.diagnosis.thresholds import DESIGNED_ALTERNATIVES
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.excitation.design import LimitPlan
+from gapscope.model.expected import ExpectedEvidence
 
 LIMITS = LimitPlan(velocity=1.6, acceleration=7.0, singular=0.0, collisions=False)
-FLOOR = [0.02, 0.01, 0.01]
 DELAY = AppliedEffect("actuator_delay", (3,), {"delay": [0.012]})
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
 
@@ -90,7 +85,6 @@ def document(effect: AppliedEffect, rival: str, **more: Any) -> dict[str, Any]:
     return {
         "verdict": "effects_found",
         "effects": [entry],
-        "gap": {"before": {"floor": FLOOR}},
         "unexplained": {"share": 0.0, "above_floor": False, "where": []},
         "next_recording": None,
         **more,
@@ -120,15 +114,12 @@ def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() ->
         AdviceRequest(LIMITS, evaluations=150, seed=0),
     )
     [pair] = advice.pairs
-    assert pair.present < 0.3 and pair.new > 4 * pair.present and pair.joint == 3
+    assert pair.evidence > 10 and pair.joint == 3
     assert advice.option is not None and advice.option.speed in ("quick", "lively")
-    found, rival = (CorrectedArm(h.arm, h.effects) for h in advice.hypotheses)
-    value = (
-        found.value("actuator_delay", "delay") + rival.value("actuator_delay", "delay")
-    )[2]
-    assert value == pytest.approx(0.01, abs=0.001)
+    [delay] = [e for some in advice.hypotheses for e in some if e.name == DELAY.name]
+    assert delay.parameters["delay"][0] == pytest.approx(0.01, abs=0.001)
     text = "\n".join(lines(advice, result.document))
-    assert "Still open: actuator delay (joint 3)" in text and "times as much" in text
+    assert "Still open: actuator delay (joint 3)" in text and "nats" in text
 
 
 def test_limits_are_kept_at_every_sample() -> None:
@@ -158,8 +149,10 @@ def test_coulomb_at_one_load_leads_to_a_motion_over_many_loads() -> None:
         "load_friction",
     )
     [pair] = advice.pairs
-    assert pair.new > 3 * pair.present and pair.joint == 2
-    assert advice.hypotheses[1].effects[0].name == "load_friction"
+    assert pair.evidence > 50 and pair.joint == 2
+    [found], [rival] = advice.hypotheses
+    assert rival.name == "load_friction"
+    assert found.parameters["torque"][0] == pytest.approx(2.0, rel=0.05)
 
 
 def test_a_payload_is_mounted_only_where_it_is_worth_it() -> None:
@@ -179,7 +172,7 @@ def test_a_payload_to_mount_is_told_as_lines_of_the_case() -> None:
     )
     advice = Advice(
         (question,),
-        pairs=(HypothesisContrast(0, 1, 0.1, 3.0, 2),),
+        pairs=(ExpectedEvidence(0, 1, 30.0, 2),),
         option=MotionOption("slow", load),
     )
     text = lines(advice, document(COULOMB, "load_friction"))
@@ -239,16 +232,13 @@ def test_questions_are_few_and_of_physics() -> None:
     assert len(asked) == DESIGNED_ALTERNATIVES
 
 
-def test_values_are_fitted_to_the_recordings() -> None:
-    present = RecordedData.of(
-        slow_case(synthetic.Truth(coulomb=(0.0, 2.0, 0.0))), np.array(FLOOR)
-    )
-    wrong = AppliedEffect("coulomb_friction", (2,), {"torque": [0.3]})
-    right, left = fitted(present, Hypothesis("", synthetic.arm(), (wrong,)))
-    assert (
-        right.effects[0].parameters["torque"][0] == pytest.approx(2.0, rel=0.02)
-        and left < 2.0
-    )
+def test_what_a_rival_can_follow_is_not_expected_to_be_told() -> None:
+    """A little Coulomb friction is what a healthy arm's may be off by."""
+    case = slow_case(synthetic.Truth(coulomb=(0.0, 0.1, 0.0)))
+    little = AppliedEffect("coulomb_friction", (2,), {"torque": [0.1]})
+    advice = advised(case, little, "none")
+    assert advice.pairs[0].evidence < 1.0
+    assert "hardly settle" in "\n".join(lines(advice, document(little, "none")))
 
 
 def test_what_cannot_be_is_refused() -> None:
