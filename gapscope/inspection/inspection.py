@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import starmap
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from textwrap import wrap
@@ -21,20 +22,29 @@ from gapscope.arm.dynamics.robot_file import actuated_joints
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.layouts import (
     LEROBOT,
-    STEPS_PER_TURN,
     UNITS,
     layout_of,
     name_of,
 )
 from gapscope.arm.io.log import Log
-from gapscope.arm.io.plausibility import gap_notes, repeated_rows
+from gapscope.arm.io.plausibility import put_right, repeated_rows
 from gapscope.arm.io.table import Table, without_damage
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
-from gapscope.arm.recording import CHANNELS, STILL, Recording
+from gapscope.arm.recording import (
+    CHANNELS,
+    STILL,
+    Recording,
+    held_notes,
+    resting,
+    set_points,
+    step_notes,
+)
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.set_up import Remark, SetUp, fault_remark, look_at_set_up
 from gapscope.diagnosis.setup_faults.clocks import find_stamps
+from gapscope.diagnosis.setup_faults.references import exact_gains
 from gapscope.diagnosis.thresholds import NO_TORQUE
 from gapscope.effects.effect import SHEET
 from gapscope.inspection.columns import (
@@ -138,122 +148,96 @@ def inspect_table(
     return InspectedTable(log, part, columns, time, tuple(channels))
 
 
-# What the torque columns are by the log alone.
-
-
 # What a torque column can be, by the log alone: silent, unsigned, computed, or another column times a factor.
 
 
 EXACT = 1e-3
-"""Share of a column's deviation that rounding leaves if it is computed from others [1]; a measurement leaves more."""
-SAMPLES = 20_000
-"""Rows that are looked at, evenly taken."""
+"""Share of a column's deviation that rounding leaves if it is a multiple of another [1]; a measurement leaves more."""
 
 
-def torque_facts(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> list[str]:
-    """Sentences on one torque column, each with its figures; empty if nothing strikes.
-
-    Args:
-        torque: the columns in question.
-        others: all channels of the same table.
-    """
-    values = _thinned(torque.group.values)
-    if not _usable(values):
+def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
+    """Sentences on one torque column of a table, each with its figures; empty if nothing strikes."""
+    values = torque.group.values
+    if not usable(values):
         return ["it holds cells that are no numbers, or beyond any torque"]
-    others = [other for other in others if _usable(other.group.values)]
     silent = np.ptp(values, axis=0) == 0
     if silent.all():
-        constant = float(values[0, 0])
-        return [f"it is {constant:g} throughout: nothing was measured"]
+        return [f"it is {values[0, 0]:g} throughout: nothing was measured"]
     facts = []
     if silent.any():
-        facts.append(f"it never changes on joint {_numbers(silent)}")
+        numbers = ", ".join(str(j + 1) for j in np.flatnonzero(silent))
+        facts.append(f"it never changes on joint {numbers}")
     if (values >= 0).all():
         facts.append("it is never negative: a magnitude, whose sign is lost")
-    facts += _quantised(values[:, ~silent])
-    facts += _multiples(torque, others)
-    facts += _controllers(torque, others)
+    facts += _multiples(torque, table.channels)
+    first = {guess.channel: guess for guess in reversed(table.channels)}
+    recording = _as_recorded(table, [*first.values(), replace(torque, channel="tau")])
+    if recording is None or recording.tau is None:
+        return facts
+    facts += step_notes(recording)
+    nothing = np.zeros_like(recording.q)
+    known = {"dq": recording.dq, "dq_ref": recording.dq_ref}
+    rates: dict[str, Any] = {
+        name: nothing if x is None else x for name, x in known.items()
+    }
+    gains = exact_gains((replace(recording, **rates),))
+    if gains is not None:
+        kp, kd = (", ".join(f"{x:.4g}" for x in own) for own in gains.T)
+        facts.append(
+            f"it is computed, not measured: kp (q_ref - q) + kd (dq_ref - dq) with kp {kp} and kd {kd}. "
+            "As a command that is what it should be; whether the arm obeyed these gains, the log does not say"
+        )
     return facts
-
-
-def _quantised(values: np.ndarray) -> Iterator[str]:
-    """A column of few different values."""
-    counts = [len(np.unique(column)) for column in values.T]
-    most = max(counts)
-    if most <= min(200, len(values) // 20):
-        steps = [
-            np.diff(np.unique(column)).min()
-            for column in values.T
-            if len(np.unique(column)) > 1
-        ]
-        yield f"it has {most} different values at most, in steps of {min(steps):.3g}"
 
 
 def _multiples(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator[str]:
     """Columns that it is a multiple of, joint by joint."""
-    values = _thinned(torque.group.values)
+    values = torque.group.values
     for other in others:
-        if other is torque or other.group.width != torque.group.width:
+        source = other.group.values
+        if other is torque or source.shape != values.shape or not usable(source):
             continue
-        source = _thinned(other.group.values)
-        factors = _factors(values, source)
-        if factors is None:
-            continue
-        if np.allclose(factors, 1.0, atol=1e-3):
-            yield f"it equals {other.group.pattern}"
-        else:
+        power = (source**2).sum(axis=0)
+        factors = (values * source).sum(axis=0) / np.where(power > 0, power, np.nan)
+        if (rms(values - factors * source) <= EXACT * values.std(axis=0)).all():
             listed = ", ".join(f"{factor:.4g}" for factor in factors)
-            yield f"it is {other.group.pattern} times {listed}"
+            same = np.allclose(factors, 1.0, atol=EXACT)
+            yield (
+                f"it equals {other.group.pattern}"
+                if same
+                else f"it is {other.group.pattern} times {listed}"
+            )
 
 
-def _factors(values: np.ndarray, source: np.ndarray) -> np.ndarray | None:
-    """Factor of each joint if all columns are multiples of the others', (k,), or ``None``."""
-    power = (source**2).sum(axis=0)
-    if (power == 0).any():
-        return None
-    factors = (values * source).sum(axis=0) / power
-    left = np.sqrt(((values - factors * source) ** 2).mean(axis=0))
-    exact = left <= EXACT * values.std(axis=0)
-    return np.asarray(factors) if exact.all() else None
-
-
-def _controllers(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator[str]:
-    """A column that is computed from reference and position by gains."""
-    values = _thinned(torque.group.values)
-    series = {
-        other.channel: _thinned(other.group.values)
-        for other in reversed(others)
-        if _thinned(other.group.values).shape == values.shape
-    }
-    if "q" not in series or "q_ref" not in series:
-        return
-    error = series["q_ref"] - series["q"]
-    rate = series.get("dq_ref", 0.0) - series.get("dq", np.zeros_like(error))
-    gains, left = [], []
-    for e, de, tau in zip(error.T, rate.T, values.T, strict=True):
-        design = np.column_stack([e, de])
-        gain = np.linalg.lstsq(design, tau, rcond=None)[0]
-        left.append(np.std(tau - design @ gain) / max(tau.std(), 1e-12))
-        gains.append(gain)
-    if np.median(left) <= 10 * EXACT:
-        kp, kd = (", ".join(f"{x:.4g}" for x in own) for own in np.transpose(gains))
-        yield (
-            f"it is computed, not measured: kp (q_ref - q) + kd (dq_ref - dq) with kp {kp} and kd {kd}. "
-            "As a command that is what it should be; whether the arm obeyed these gains, the log does not say"
-        )
-
-
-def _usable(values: np.ndarray) -> bool:
+def usable(values: np.ndarray) -> bool:
     """Whether all values are numbers of a size that robots have in any unit."""
     return bool(np.isfinite(values).all() and np.abs(values).max() < LARGEST)
 
 
-def _thinned(values: np.ndarray) -> np.ndarray:
-    return values[:: max(1, len(values) // SAMPLES)]
+def _as_recorded(
+    table: InspectedTable, channels: Sequence[ChannelGuess]
+) -> Recording | None:
+    """The rows of a table whose time runs on and whose positions are numbers, in SI units; ``None`` without positions.
 
-
-def _numbers(mask: np.ndarray) -> str:
-    return ", ".join(str(j + 1) for j in np.flatnonzero(mask))
+    Channels that hold other cells, or other joints, are left out.
+    """
+    series = {
+        guess.channel: guess.group.values * UNITS.get(guess.unit, 1.0)
+        for guess in channels
+    }
+    if "q" not in series:
+        return None
+    q, t = series["q"], table.time.seconds
+    rows = np.isfinite(q).all(axis=1)
+    rows &= np.diff(np.maximum.accumulate(t), prepend=-np.inf) > 0
+    whole: dict[str, Any] = {
+        name: x[rows]
+        for name, x in series.items()
+        if x.shape == q.shape and usable(x[rows])
+    }
+    if "q" not in whole:
+        return None
+    return Recording(table.label, t[rows], **whole)
 
 
 # Which columns are the joints of the arm.
@@ -281,186 +265,82 @@ def columns_of_arm(group: ColumnGroup, joints: Sequence[str]) -> list[int] | Non
 # What looks wrong in a log, before any physics.
 
 
-CLIPPED = 0.02
-"""Share of rows at exactly the largest or least value from which a column counts as clipped [1]."""
-SPIKE = 20.0
-"""Step of one row and back over that of all but one in a hundred from which it counts as a spike [1]."""
-TURN = {"rad": 2 * np.pi, "deg": 360.0, "rev": 1.0, "step": STEPS_PER_TURN}
-"""A turn in each unit of positions."""
-HELD = 0.5
-"""Share of rows in which a moving reference stands still from which it counts as held [1]."""
-
-
-def _odd(where: str, what: str, remedy: str) -> Remark:
-    """What looks wrong: file, channel and joint; what was seen, with figures; what to do."""
-    return Remark("warn", "log", where, what, remedy)
-
-
 def oddities_of(
-    where: str, time: TimeGuess, channels: Sequence[ChannelGuess]
-) -> list[Remark]:
-    """What looks wrong in one table.
+    table: InspectedTable, channels: Sequence[ChannelGuess]
+) -> Iterator[Remark]:
+    """What looks wrong in one table, by the columns taken for channels, one of each."""
+    where, time = table.label, table.time
 
-    Args:
-        where: name of the table, for messages.
-        time: its time.
-        channels: the columns taken for channels, one of each.
-    """
-    found = [*_time(where, time)]
-    by_name = {guess.channel: guess for guess in channels}
-    for guess in channels:
-        found += _column(where, guess, time)
-    found += _pairs(where, by_name)
-    if "q" in by_name:
-        found += _still(where, by_name["q"])
-    return found
+    def odd(said: str, remedy: str = "nothing: it is put right on reading") -> Remark:
+        return Remark("warn", "log", where, said, remedy)
 
-
-def _time(where: str, time: TimeGuess) -> Iterator[Remark]:
     if not time.certain:
-        yield _odd(
-            where,
-            f"nothing in it tells the rate; {time.rate:g} Hz is assumed",
-            "correct rate: in the case",
-        )
-    step = np.diff(time.seconds)
-    if not len(step):
-        return
-    if (step < 0).any():
-        row = int(np.flatnonzero(step < 0)[0]) + 1
-        yield _odd(
-            where,
-            f"time jumps back at row {row}",
-            "split the log there, or sort its rows",
-        )
-    # in the words of the reader, which says the same of the drafted case
+        said = f"nothing in it tells the rate; {time.rate:g} Hz is assumed"
+        yield odd(said, "correct rate: in the case")
+    back = np.flatnonzero(np.diff(time.seconds) < 0)
+    if len(back):
+        said = f"time jumps back at row {back[0] + 1}"
+        yield odd(said, "split the log there, or sort its rows")
     for note in repeated_rows(time.seconds, {})[1]:
-        yield _odd(where, note, "nothing: they are dropped on reading")
-    for note in gap_notes(time.seconds):
-        yield _odd(
-            where,
-            note,
-            "the recording is cut there; if nobody stopped it, look why samples were lost",
-        )
-
-
-def _column(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Remark]:
-    """Cells that are missing, clipped values and spikes."""
-    values = guess.group.values
-    missing = int((~np.isfinite(values)).sum())
-    if missing:
-        yield _odd(
-            where,
-            f"{guess.group.pattern}: {missing} cells are empty or no numbers",
-            "leave the channel out (null); a missing value is never guessed",
-        )
+        yield odd(note)
+    by_name = {guess.channel: guess.group for guess in channels}
+    for group in by_name.values():
+        missing = int((~np.isfinite(group.values)).sum())
+        if missing:
+            yield odd(
+                f"{group.pattern}: {missing} cells are empty or no numbers",
+                "leave the channel out (null); a missing value is never guessed",
+            )
+    yield from starmap(odd, _copies(by_name))
+    recording = _as_recorded(table, channels)
+    if recording is None:
         return
-    if guess.channel in ("tau", "tau_sensor"):
-        for j, column in enumerate(guess.group.values.T):
-            if np.ptp(column) == 0:
-                continue
-            for limit in (column.min(), column.max()):
-                share = float((column == limit).mean())
-                if limit != 0 and share > CLIPPED and len(np.unique(column)) > 50:
-                    yield _odd(
-                        f"{where}, joint {j + 1}",
-                        f"{guess.group.pattern} stands at {limit:.4g} in {share:.0%} of the rows: a limit was reached",
-                        "state torque_limit in the case's nominal section",
-                    )
-    if guess.channel in ("q", "tau", "tau_sensor"):
-        yield from _spikes(where, guess, time)
-
-
-def _spikes(where: str, guess: ChannelGuess, time: TimeGuess) -> Iterator[Remark]:
-    """Values that leave their neighbours for one row."""
-    values = guess.group.values
-    if len(values) < 100:
-        return
-    if guess.channel == "q":
-        # a position that restarts after a turn is taken back on reading
-        values = np.unwrap(values, period=TURN.get(guess.unit, TURN["rad"]), axis=0)
-    bend = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
-    # over rows that were lost a motion goes on
-    step = np.diff(time.seconds)
-    lost = step > 1.5 * np.median(step)
-    bend[lost[1:] | lost[:-1]] = 0.0
-    usual = np.quantile(bend, 0.99, axis=0)
-    for j in range(values.shape[1]):
-        far = bend[:, j] > SPIKE * max(usual[j], 1e-12)
-        if usual[j] > 0 and far.any():
-            row = int(np.argmax(bend[:, j])) + 2
-            yield _odd(
-                f"{where}, joint {j + 1}",
-                f"{guess.group.pattern} leaves its neighbours in {far.sum()} rows, the worst is row {row}",
-                "drop those rows",
-            )
-
-
-def _pairs(where: str, by_name: dict[str, ChannelGuess]) -> Iterator[Remark]:
-    """Channels that are copies of others, or references that stand."""
-    for measured, asked in (("q", "q_ref"), ("dq", "dq_ref")):
-        if measured not in by_name or asked not in by_name:
-            continue
-        one, other = by_name[measured].group, by_name[asked].group
-        moves = np.ptp(one.values, axis=0).any()
-        if moves and np.array_equal(one.values, other.values):
-            yield _odd(
-                where,
-                f"{one.pattern} and {other.pattern} are the same numbers: one of them is a copy",
-                "a copied reference says nothing of the arm; leave it out (null)",
-            )
-    for name in ("dq", "dq_ref"):
-        position = by_name.get(name[1:])
-        velocity = by_name.get(name)
-        if position is None or velocity is None:
-            continue
-        moves = np.ptp(position.group.values, axis=0).any()
-        if moves and np.ptp(velocity.group.values) == 0:
-            yield _odd(
-                where,
-                f"{velocity.group.pattern} never changes while {position.group.pattern} moves",
-                "it is no velocity; leave it out (null)",
-            )
-    reference = by_name.get("q_ref")
-    if reference is not None:
-        step = np.abs(np.diff(reference.group.values, axis=0)).max(axis=1)
-        held = float((step == 0).mean())
-        # at rest the reference may stand
-        if (step > 0).mean() > 0.05 and HELD < held < 0.98 and _evenly_held(step):
-            yield _odd(
-                where,
-                f"{reference.group.pattern} stands still in {held:.0%} of the rows and jumps between: set points "
-                f"come at about 1/{round(1 / (1 - held))} of the rate of the log",
-                "the controller may interpolate them; what it follows is not in the log",
-            )
-
-
-def _evenly_held(step: np.ndarray) -> bool:
-    """Whether jumps come at even distances, as set points at a lower rate do."""
-    apart = np.diff(np.flatnonzero(step > 0))
-    return bool(
-        len(apart) > 10
-        and np.median(apart) > 1
-        and (apart == np.median(apart)).mean() > 0.5
-    )
-
-
-def _still(where: str, guess: ChannelGuess) -> Iterator[Remark]:
-    travel = np.ptp(guess.group.values, axis=0) * UNITS.get(guess.unit, 1.0)
-    still = travel < STILL
+    # in the words of the reader, which says the same of the drafted case
+    ones = np.ones(recording.n_joints)
+    t, values, notes = put_right(recording.t, recording.channels, ones)
+    channels_read: dict[str, Any] = values
+    read = Recording(where, t, **channels_read)
+    for note in (*notes, *held_notes(read)):
+        yield odd(note)
+    points = set_points(read)
+    if points is not None and points.variant == "held":
+        yield odd(
+            f"{by_name['q_ref'].pattern} stands still and jumps between: set points come at about 1/{points.every} of "
+            "the rate of the log",
+            "the controller may interpolate them; what it follows is not in the log",
+        )
+    still = resting([recording], ones)
     if still.all():
-        yield _odd(
-            where,
-            f"the arm stands still: no joint moves by {STILL:g} rad",
-            "record a motion of all joints",
-        )
+        said = f"the arm stands still: no joint moves by {STILL:g} rad"
+        yield odd(said, "record a motion of all joints")
     elif still.any():
         numbers = ", ".join(str(j + 1) for j in np.flatnonzero(still))
-        yield _odd(
-            where,
+        yield odd(
             f"joint {numbers} does not move: its friction, armature and zero cannot be told",
             "move every joint, slowly and fast, in both directions",
         )
+
+
+def _copies(by_name: Mapping[str, ColumnGroup]) -> Iterator[tuple[str, str]]:
+    """Channels that are copies of others, and velocities that stand; with what to do."""
+    moving = {
+        name: np.ptp(group.values, axis=0).any() for name, group in by_name.items()
+    }
+    for name in ("q", "dq"):
+        one, other = by_name.get(name), by_name.get(f"{name}_ref")
+        if one is None or other is None or not moving[name]:
+            continue
+        if np.array_equal(one.values, other.values):
+            yield (
+                f"{one.pattern} and {other.pattern} are the same numbers: one of them is a copy",
+                "a copied reference says nothing of the arm; leave it out (null)",
+            )
+    for position, velocity in (("q", "dq"), ("q_ref", "dq_ref")):
+        if moving.get(position) and not moving.get(velocity, True):
+            yield (
+                f"{by_name[velocity].pattern} never changes while {by_name[position].pattern} moves",
+                "it is no velocity; leave it out (null)",
+            )
 
 
 # All logs of one arm.
@@ -575,7 +455,7 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
         chosen=chosen,
         # what each torque column can be by the log alone
         torques={
-            (label, guess.group.pattern): torque_facts(guess, table.channels)
+            (label, guess.group.pattern): torque_facts(table, guess)
             for label, table in first.items()
             for guess in table.channels
             if guess.channel in TORQUES
@@ -649,7 +529,7 @@ def oddities_in(
         for label, table in entry.items():
             used = [name for name, (place, _) in chosen.items() if place == label]
             guesses = [guess for name in used if (guess := table.best(name))]
-            found += oddities_of(table.label, table.time, guesses)
+            found += oddities_of(table, guesses)
     return tuple(found)
 
 
@@ -903,7 +783,7 @@ def _channel(
     """The line of one channel; a comment if the columns cannot be read as they are."""
     line = f"{channel}: {_entry(found, label, guess)}"
     values = guess.group.values
-    if not np.isfinite(values).all() or np.abs(values).max() > LARGEST:
+    if not usable(values):
         yield f"# {line}", "left out: it holds cells that are no numbers"
         yield f"{channel}: null", ""
     elif np.ptp(values) == 0 and channel != "q":
@@ -1080,11 +960,9 @@ def _of_stamps(found: Inspection) -> Iterator[Remark]:
         guess = table.best("q")
         if guess is None:
             continue
-        t, q = table.time.seconds, guess.group.values
         # what stands still, jumps back or is no number is said of the columns
-        usable = np.isfinite(q).all(axis=1)
-        usable &= np.diff(np.maximum.accumulate(t), prepend=-np.inf) > 0
-        for fault in find_stamps([Recording(table.label, t[usable], q[usable])]):
+        recording = _as_recorded(table, [guess])
+        for fault in find_stamps(filter(None, [recording])):
             yield fault_remark(fault, guess.group.width)
 
 

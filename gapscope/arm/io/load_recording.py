@@ -36,12 +36,9 @@ from gapscope.arm.io.plausibility import (
     check_rate,
     check_runs_forward,
     even_stamps_of_rows,
-    gap_notes,
+    put_right,
     repeated_rows,
-    stuck_rows,
-    untrusted_torque,
-    without_spikes,
-    without_turns,
+    without_rows,
 )
 from gapscope.arm.io.table import GAP_STEPS, Log, Table, damage
 from gapscope.arm.known_load import KnownLoad
@@ -175,7 +172,7 @@ def load_recording(
     t, values = _channels(t, held, arm, importing, notes)
     if not every_row:
         repeated, found = repeated_rows(t, values)
-        t, values = _without(repeated, t, values)
+        t, values = without_rows(repeated, t, values)
         notes += found
         even = even_stamps_of_rows(t, values["q"]) if repeated.any() else None
         if even is not None:
@@ -185,15 +182,8 @@ def load_recording(
     t = t - begun
     if abs(begun) > SAID_START:
         notes.append(FROM_FIRST_ROW.format(begun))
-    for put_right in (without_turns, untrusted_torque):
-        values, found = put_right(values)
-        notes += found
-    if not every_row:
-        values, found = without_spikes(t, values, arm.per_radian)
-        stuck, said = stuck_rows(t, values["q"])
-        t, values = _without(stuck, t, values)
-        notes += found + said
-    notes += gap_notes(t)
+    t, values, found = put_right(t, values, arm.per_radian, every_row=every_row)
+    notes += found
     # read-only from here on, so that the recording shares them
     for series in (t, *values.values()):
         series.setflags(write=False)
@@ -229,15 +219,6 @@ def recording_of_columns(
     length = len(next(iter(columns.values()), ()))
     table = Table(Path(name), columns, range(1, length + 1), kind="columns")
     return load_recording(Log(table.path, "columns", (table,)), arm, any_unit=True)
-
-
-def _without(
-    rows: np.ndarray, t: np.ndarray, values: dict[str, np.ndarray]
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Time and channels without the rows of a mask."""
-    if not rows.any():
-        return t, values
-    return t[~rows], {name: x[~rows] for name, x in values.items()}
 
 
 def _log(file: str | Path | Log, episode: int | None, importing: Import) -> Log:
@@ -386,7 +367,7 @@ def _channels(
     if not inside.all():
         cut = int((~inside).sum())
         notes.append(f"rows cut outside the time of the other files: {cut}")
-        t, values = _without(~inside, t, values)
+        t, values = without_rows(~inside, t, values)
     return t, importing.to_joint_side(values)
 
 
