@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -322,17 +320,13 @@ def sorted_columns(table: Table, joints: Sequence[str] = ()) -> TableColumns:
         table: as a reader gave it.
         joints: names of joints that are known, which columns may carry.
     """
-    numbers: dict[str, np.ndarray] = {}
-    groups: list[ColumnGroup] = []
-    for name, cells in table.columns.items():
-        values = numbers_of(cells)
-        if values is None:
-            continue
-        if values.ndim == 2:
-            labels = tuple(str(k + 1) for k in range(values.shape[1]))
-            groups.append(ColumnGroup(name, labels, (name,), values))
-        else:
-            numbers[name] = values
+    every = _numbers(table)
+    numbers = {name: x for name, x in every.items() if x.ndim == 1}
+    groups = [
+        ColumnGroup(name, tuple(map(str, range(1, x.shape[1] + 1))), (name,), x)
+        for name, x in every.items()
+        if x.ndim == 2
+    ]
     for pattern, members in _patterns(list(numbers), joints).items():
         labels, names = tuple(members), tuple(members.values())
         values = np.column_stack([numbers.pop(name) for name in names])
@@ -354,38 +348,11 @@ def _signed(group: ColumnGroup) -> ColumnGroup:
     return group
 
 
-def numbers_of(cells: Any) -> np.ndarray | None:
-    """Cells as numbers, (N,), or (N, k) if they hold lists; ``None`` for texts."""
-    first = next((cell for cell in cells if cell is not None and cell != ""), None)
-    if isinstance(first, str) and first.lstrip().startswith("["):
-        try:
-            return _lists([json.loads(cell) for cell in cells])
-        except ValueError:
-            return None
-    if isinstance(first, (list, tuple, np.ndarray)):
-        return _lists(cells)
-    try:
-        return np.asarray(cells, dtype=float)
-    except (ValueError, TypeError):
-        pass
-    parsed = np.array([_number(cell) for cell in cells])
+def _numbers(table: Table) -> dict[str, np.ndarray]:
+    """Columns of numbers, (N,), or of lists of numbers, (N, k), by their names; texts are left out."""
+    found = {name: table.values(name) for name in table.columns}
     # a few empty or broken cells do not make a text of a column
-    return parsed if np.isfinite(parsed).mean() > 0.5 else None
-
-
-def _lists(cells: Any) -> np.ndarray | None:
-    """Lists of one length as (N, k)."""
-    lengths = {np.shape(cell) for cell in cells}
-    if len(lengths) != 1 or len(next(iter(lengths))) != 1:
-        return None
-    return np.array([np.asarray(cell, dtype=float) for cell in cells])
-
-
-def _number(cell: Any) -> float:
-    try:
-        return float(cell)
-    except (ValueError, TypeError):
-        return np.nan
+    return {name: x for name, x in found.items() if np.isfinite(x).mean() > 0.5}
 
 
 def _patterns(names: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -439,7 +406,7 @@ def _counted(pattern: str, labels: tuple[str, ...]) -> str:
 # The time of a log: which column, in which unit, or at which rate.
 
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = ("s", "ms", "us", "ns")
 USUAL_RATES = (
     30,
     50,
@@ -538,13 +505,13 @@ def _stamped(name: str, stamps: np.ndarray) -> TimeGuess | None:
     median = float(np.median(step[step > 0]))
     likely = unit_of_stamps(1.0 / median, float(stamps[-1] - stamps[0]))
     said = [unit for unit in TIME_UNITS if name.lower().endswith(f"_{unit}")]
-    if said and unit_of_stamps(1.0 / (median * TIME_UNITS[said[0]]), np.inf) == "s":
+    if said and unit_of_stamps(1.0 / (median * UNITS[said[0]]), np.inf) == "s":
         likely = said[0]
     # of what is called a time, but too slow in any unit, the reader says so
     unit = likely or ("s" if meaning_of(name).quantity == "time" else "")
     if not unit:
         return None
-    factor = TIME_UNITS[unit]
+    factor = UNITS[unit]
     rate = 1.0 / (median * factor)
     seconds = (stamps - stamps[0]) * factor
     why = f"its steps in {unit} make {rate:.4g} Hz"
@@ -603,6 +570,7 @@ class ChannelGuess:
         unit: of the import section, ``A`` for amperes.
         why: what the guess rests on.
         role: what its vendor says that it holds; of a torque without, an entry of ``TORQUE_ORDER``; else empty.
+        facts: what a torque can be, in sentences.
     """
 
     channel: str
@@ -610,6 +578,16 @@ class ChannelGuess:
     unit: str
     why: str
     role: str = ""
+    facts: tuple[str, ...] = ()
+
+    @property
+    def reason(self) -> str:
+        """Why the columns are taken for what they are."""
+        said: tuple[str, ...] = (self.why, self.role)
+        if self.channel in ("tau", "tau_sensor"):
+            silent = self.group.seen or not self.role
+            said = (self.why if silent else self.role, *self.facts)
+        return "; ".join(filter(None, said))
 
 
 def position_and_velocity(
@@ -808,45 +786,34 @@ def columns_by_values(
         elif quantity and (arm is None or arm.n_joints == 1):
             groups.append(ColumnGroup(name, ("1",), (name,), x[:, None], BY_NAME))
             taken.add(name)
-    silent = {
-        name: cells
-        for name, cells in table.columns.items()
-        if name not in taken | set(singles) and not words_of(name) & NOT_OF_JOINTS
-    }
     if any(meaning_of(group.pattern).quantity == "position" for group in groups):
-        silent = {}
-    rest = unnamed_columns(replace(table, columns=silent), arm, context)
-    return TableColumns((*groups, *rest.groups), {**singles, **rest.singles})
-
-
-def unnamed_columns(table: Table, arm: NominalArm | None, context: str) -> TableColumns:
-    """Columns of a table by their values alone.
-
-    Args:
-        table: as a reader gave it.
-        arm: the nominal arm, if it is known.
-        context: name of the file and the topic, which say what a block that is alone holds.
-    """
-    found = {name: numbers_of(cells) for name, cells in table.columns.items()}
-    numbers = {name: x for name, x in found.items() if x is not None and x.ndim == 1}
-    singles = _times(numbers)
-    columns = [(name, x) for name, x in numbers.items() if name not in singles]
+        return TableColumns(tuple(groups), singles)
+    silent = {
+        name: x
+        for name, x in _numbers(table).items()
+        if x.ndim == 1
+        and name not in taken | set(singles)
+        and not words_of(name) & NOT_OF_JOINTS
+    }
+    singles |= _times(silent)
+    columns = [(name, x) for name, x in silent.items() if name not in singles]
     if not columns:
-        return TableColumns((), singles)
+        return TableColumns(tuple(groups), singles)
     values = np.column_stack([x[:ROWS] for _, x in columns])
     sound = (np.abs(values) < LARGEST).all(axis=1)
     rows = np.asarray(table.row_numbers[:ROWS])
-    if singles:
+    if silent.keys() & singles.keys():
         # the time tells where rows are missing in the file itself
-        step = np.diff(next(iter(singles.values()))[:ROWS])
+        first = next(x for name, x in singles.items() if name in silent)
+        step = np.diff(first[:ROWS])
         rows = np.cumsum(np.r_[0, np.where(step > LOST * np.median(step), 2, 1)])
     values, rows = values[sound], rows[sound]
     few = len(values) <= 2 * SPAN
-    blocks = [] if few else _Blocks(values, rows, arm).told(context)
-    groups = tuple(block.group(columns) for block in blocks)
-    taken = {name for group in groups for name in group.names}
+    for block in () if few else _Blocks(values, rows, arm).told(context):
+        groups.append(block.group(columns))
+        taken |= set(groups[-1].names)
     singles |= {name: x for name, x in columns if name not in taken}
-    return TableColumns(groups, singles)
+    return TableColumns(tuple(groups), singles)
 
 
 def _times(numbers: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import starmap
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -59,7 +60,6 @@ from gapscope.inspection.columns import (
     guess_time,
     position_and_velocity,
     sorted_columns,
-    unnamed_columns,
 )
 
 # One table of a log with what its columns are taken for.
@@ -134,9 +134,7 @@ def inspect_table(
     """
     part = without_damage(part)
     context = f"{log.path.stem} {part.name}" if named_by_file else ""
-    if part.unnamed:
-        columns = unnamed_columns(part, arm, context)
-    elif by_values:
+    if by_values or part.unnamed:
         columns = columns_by_values(part, arm, context)
     else:
         columns = sorted_columns(part, () if arm is None else arm.joints)
@@ -240,28 +238,6 @@ def _as_recorded(
     return Recording(table.label, t[rows], **whole)
 
 
-# Which columns are the joints of the arm.
-
-
-def arm_of_columns(arm: NominalArm, group: ColumnGroup) -> NominalArm:
-    """The arm with those of its joints that a log has: by name, or the first if it has fewer and names none."""
-    named = [joint for joint in arm.joints if joint in group.labels]
-    kept = named or list(arm.joints[: group.width])
-    if len(kept) == arm.n_joints:
-        return arm
-    return load_nominal_arm(arm.urdf, joints=kept, gravity=tuple(arm.gravity))
-
-
-def columns_of_arm(group: ColumnGroup, joints: Sequence[str]) -> list[int] | None:
-    """Places in a group, from 0, of the joints of the arm; ``None`` if it has fewer columns.
-
-    By name if the columns carry the names of the joints, in their order otherwise.
-    """
-    if set(joints) <= set(group.labels):
-        return [group.labels.index(joint) for joint in joints]
-    return list(range(len(joints))) if group.width >= len(joints) else None
-
-
 # What looks wrong in a log, before any physics.
 
 
@@ -360,6 +336,9 @@ WITHOUT_NAMES = (
 SILENT_NAMES = "no name says positions: what columns hold is told by their values; look at each line"
 """Note of a log whose names of columns tell too little."""
 
+Entry = dict[str, InspectedTable]
+"""Tables that a recording is made of, by label; the one with the positions first."""
+
 
 @dataclass(frozen=True)
 class Inspection:
@@ -368,31 +347,50 @@ class Inspection:
     Attributes:
         logs: as they were opened.
         tables: all tables that hold numbers of joints.
-        sources: tables that a recording is made of, by label; the one with the positions first.
-        entries: one for each recording: its tables by the labels of ``sources``.
-        chosen: columns taken for each channel, by its name, and the label of the table that holds them.
-        torques: what each torque column can be, in sentences, by the label of its table and the pattern of its columns.
+        entries: one for each recording, with the same labels.
         misread: what the torque that was chosen shows of the set-up.
-        oddities: what looks wrong.
         notes: what was left out, and why.
         arm: the nominal arm, if a robot is known.
     """
 
     logs: tuple[Log, ...]
     tables: tuple[InspectedTable, ...]
-    sources: dict[str, InspectedTable]
-    entries: tuple[dict[str, InspectedTable], ...]
-    chosen: dict[str, tuple[str, ChannelGuess]]
-    torques: dict[tuple[str, str], list[str]] = field(default_factory=dict)
+    entries: tuple[Entry, ...]
     misread: tuple[Remark, ...] = ()
-    oddities: tuple[Remark, ...] = ()
     notes: tuple[Remark, ...] = ()
     arm: NominalArm | None = None
+
+    @property
+    def sources(self) -> Entry:
+        """Tables of the first recording."""
+        return self.entries[0]
 
     @property
     def main(self) -> InspectedTable:
         """The table of the first recording that holds the positions."""
         return next(iter(self.sources.values()))
+
+    @cached_property
+    def chosen(self) -> dict[str, tuple[str, ChannelGuess]]:
+        """Columns taken for each channel, by its name, and the label of the table that holds them."""
+        found: dict[str, tuple[str, ChannelGuess]] = {}
+        for label, table in self.sources.items():
+            for channel in CHANNELS:
+                guess = table.best(channel)
+                if guess is not None:
+                    found.setdefault(channel, (label, guess))
+        return found
+
+    @cached_property
+    def oddities(self) -> tuple[Remark, ...]:
+        """What looks wrong in the tables of every recording."""
+        found: list[Remark] = []
+        for entry in self.entries:
+            for label, table in entry.items():
+                used = [name for name, (at, _) in self.chosen.items() if at == label]
+                guesses = [guess for name in used if (guess := table.best(name))]
+                found += oddities_of(table, guesses)
+        return tuple(found)
 
     @property
     def n_joints(self) -> int:
@@ -421,49 +419,56 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
         if any(table.best("q") is not None for table in every):
             break
     tables = [table for table in every if table.channels]
-    kinds = _kinds(tables)
-    with_positions = [kind for kind in kinds if kind[0].best("q") is not None]
+    # tables of one shape together: the same kind of file or topic, once for each recording
+    kinds: dict[tuple[object, ...], list[InspectedTable]] = {}
+    for table in tables:
+        kinds.setdefault(table.shape, []).append(table)
+    with_positions = [kind for kind in kinds.values() if kind[0].best("q") is not None]
+    if not with_positions:
+        channels = {guess.channel for table in tables for guess in table.channels}
+        found = ", ".join(sorted(channels)) or "no channel"
+        raise InputError(
+            f"no column identifies joint positions, by its name or its values; found {found}",
+            "give --robot, whose joints' names columns may carry and whose limits and gravity tell columns without "
+            "names; or name the columns in a case, import: {q: ...}",
+            file=logs[0].path,
+        )
     # of several with positions the one that tells most
-    main = max(with_positions, key=_told, default=None)
-    if main is None:
-        raise _without_positions(logs, tables)
+    main = max(
+        with_positions, key=lambda kind: len({g.channel for g in kind[0].channels})
+    )
+    others = [kind for kind in kinds.values() if kind is not main]
     times = _times([table for table in every if not table.channels], main)
     if times:
-        main = [
-            replace(table, time=clock.time)
-            for table, clock in zip(main, times, strict=True)
-        ]
-        kinds = [main, *(kind for kind in kinds if kind[0].shape != main[0].shape)]
+        main = [replace(x, time=y.time) for x, y in zip(main, times, strict=True)]
         tables += times
-    sources, chosen, notes = _chosen(kinds, main)
+    sources, notes = _side_by_side(main, others)
     if times:
         sources[TIME] = times
-    entries = tuple(
+    entries = [
         {label: kind[number] for label, kind in sources.items()}
         for number in range(len(main))
-    )
-    first = {label: kind[0] for label, kind in sources.items()}
+    ]
+    # what each torque column can be by the log alone
+    entries[0] = {label: _with_facts(table) for label, table in entries[0].items()}
+    notes = [*_notes(logs, tables), *notes]
+    result = Inspection(tuple(logs), tuple(tables), tuple(entries))
     if arm is not None:
-        group = chosen["q"][1].group
-        arm = arm_of_columns(arm, group)
+        group = result.chosen["q"][1].group
+        arm = _arm_of_columns(arm, group)
         notes += _other_columns(main[0], group, arm)
-    return Inspection(
-        logs=tuple(logs),
-        tables=tuple(tables),
-        sources=first,
-        entries=entries,
-        chosen=chosen,
-        # what each torque column can be by the log alone
-        torques={
-            (label, guess.group.pattern): torque_facts(table, guess)
-            for label, table in first.items()
-            for guess in table.channels
-            if guess.channel in TORQUES
-        },
-        oddities=oddities_in(entries, chosen),
-        notes=(*_notes(logs, tables), *notes),
-        arm=arm,
-    )
+    return replace(result, notes=tuple(notes), arm=arm)
+
+
+def _with_facts(table: InspectedTable) -> InspectedTable:
+    """The table with what each torque column can be by the log alone."""
+    channels = [
+        replace(guess, facts=tuple(torque_facts(table, guess)))
+        if guess.channel in TORQUES
+        else guess
+        for guess in table.channels
+    ]
+    return replace(table, channels=tuple(channels))
 
 
 def _times(
@@ -477,60 +482,25 @@ def _times(
     return times if [len(table.part) for table in times] == rows else []
 
 
-def _kinds(tables: Sequence[InspectedTable]) -> list[list[InspectedTable]]:
-    """Tables of one shape together: the same kind of file or topic, once for each recording."""
-    kinds: dict[tuple[object, ...], list[InspectedTable]] = {}
-    for table in tables:
-        kinds.setdefault(table.shape, []).append(table)
-    return list(kinds.values())
-
-
-def _told(kind: list[InspectedTable]) -> int:
-    """Number of channels that tables of a kind hold."""
-    return len({guess.channel for guess in kind[0].channels})
-
-
-def _chosen(
-    kinds: Sequence[list[InspectedTable]], main: list[InspectedTable]
-) -> tuple[
-    dict[str, list[InspectedTable]], dict[str, tuple[str, ChannelGuess]], list[Remark]
-]:
-    """Kinds of tables by label, columns of each channel with their label, and notes on what was left out."""
-    sources = {MAIN: main}
-    chosen: dict[str, tuple[str, ChannelGuess]] = {}
-    notes: list[Remark] = []
-    for kind in (main, *(kind for kind in kinds if kind is not main)):
-        news = [name for name in CHANNELS if name not in chosen and kind[0].best(name)]
-        if not news:
-            continue
-        if len(kind) != len(main):
+def _side_by_side(
+    main: list[InspectedTable], others: Sequence[list[InspectedTable]]
+) -> tuple[dict[str, list[InspectedTable]], list[Remark]]:
+    """Kinds of tables that hold a channel which none before them does, by label, and notes on what was left out."""
+    sources, notes = {MAIN: main}, []
+    taken = {guess.channel for guess in main[0].channels}
+    for kind in others:
+        own = {guess.channel for guess in kind[0].channels}
+        news = [name for name in CHANNELS if name in own - taken]
+        if news and len(kind) != len(main):
             said = (
                 f"holds {', '.join(news)}, but there are {len(kind)} of its kind beside {len(main)} with positions: "
                 "left out"
             )
             notes.append(note(kind[0].label, said))
-            continue
-        label = MAIN if kind is main else news[0]
-        sources[label] = kind
-        for name in news:
-            guess = kind[0].best(name)
-            assert guess is not None
-            chosen[name] = (label, guess)
-    return sources, chosen, notes
-
-
-def oddities_in(
-    entries: Sequence[dict[str, InspectedTable]],
-    chosen: dict[str, tuple[str, ChannelGuess]],
-) -> tuple[Remark, ...]:
-    """What looks wrong in the tables of every recording."""
-    found: list[Remark] = []
-    for entry in entries:
-        for label, table in entry.items():
-            used = [name for name, (place, _) in chosen.items() if place == label]
-            guesses = [guess for name in used if (guess := table.best(name))]
-            found += oddities_of(table, guesses)
-    return tuple(found)
+        elif news:
+            sources[news[0]] = kind
+            taken |= own
+    return sources, notes
 
 
 def note(where: str, said: str) -> Remark:
@@ -540,16 +510,25 @@ def note(where: str, said: str) -> Remark:
 
 def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> Iterator[Remark]:
     """What the readers noticed, and logs that hold nothing of joints."""
-    used = {table.log.path for table in tables}
     yield from (note(log.path.name, said) for log in logs for said in log.notes)
     for table in tables:
         if table.by_values:
             why = WITHOUT_NAMES if table.part.unnamed else SILENT_NAMES
             yield note(table.label, why)
         yield from (note(table.label, said) for said in table.part.notes)
+    used = {table.log.path for table in tables}
     for log in logs:
         if log.path not in used:
             yield note(log.path.name, "holds no numbers of joints")
+
+
+def _arm_of_columns(arm: NominalArm, group: ColumnGroup) -> NominalArm:
+    """The arm with those of its joints that a log has: by name, or the first if it has fewer and names none."""
+    named = [joint for joint in arm.joints if joint in group.labels]
+    kept = named or list(arm.joints[: group.width])
+    if len(kept) == arm.n_joints:
+        return arm
+    return load_nominal_arm(arm.urdf, joints=kept, gravity=tuple(arm.gravity))
 
 
 def _other_columns(
@@ -571,65 +550,36 @@ def _other_columns(
     return [note(table.label, said)]
 
 
-def _without_positions(
-    logs: Sequence[Log], tables: Sequence[InspectedTable]
-) -> InputError:
-    found = sorted({guess.channel for table in tables for guess in table.channels})
-    return InputError(
-        f"no column identifies joint positions, by its name or its values; found {', '.join(found) or 'no channel'}",
-        "give --robot, whose joints' names columns may carry and whose limits and gravity tell columns without names; "
-        "or name the columns in a case, import: {q: ...}",
-        file=logs[0].path,
-    )
+def told_load(table: InspectedTable, arm: NominalArm) -> tuple[KnownLoad, str] | None:
+    """The load that a robot was told to carry, by the columns of a log of a known layout, as a point.
 
-
-# The load that a robot was told to carry, by the columns of a log of a known layout.
-
-
-@dataclass(frozen=True)
-class ToldLoad:
-    """A load as a robot was told of it.
-
-    Attributes:
-        load: as a point, in the frame of the joint that moves the last link.
-        why: which columns say so, and what is uncertain.
+    It is in the frame of the joint that moves the last link, and comes with which columns say so and what is uncertain.
+    ``None`` if the log holds none, or one that changes, or of no mass.
     """
-
-    load: KnownLoad
-    why: str
-
-
-def told_load(table: InspectedTable, arm: NominalArm) -> ToldLoad | None:
-    """The load that a table holds; ``None`` if it holds none, or one that changes, or of no mass."""
-    layout = layout_of(table.part)
+    layout, columns = layout_of(table.part), table.part.columns
     for place in () if layout is None else layout.loads:
         names = [place["mass"], *(name_of(place["com"], j, "") for j in range(3))]
-        columns = table.part.columns
         if not all(name in columns for name in names):
             continue
         values = np.column_stack([columns[name] for name in names]).astype(float)
-        mass, *centre = values[0]
-        if mass > 0 and np.ptp(values, axis=0).max() == 0:
-            return _placed(place, mass, np.array(centre), arm)
+        mass, centre = float(values[0, 0]), values[0, 1:]
+        if not mass > 0 or np.ptp(values, axis=0).any():
+            continue
+        why = f"told to the robot ({place['mass']}, {place['com']}), its centre in "
+        frames = [
+            frame
+            for frame in read_frames(RigidBody(arm)).values()
+            if frame.joint == arm.joints[-1]
+            and frame.name.endswith(tuple(place["frames"]))
+        ]
+        if frames:
+            centre = frames[0].position + frames[0].rotation @ centre
+            why += f"the frame of {frames[0].name}"
+        else:
+            why += "the flange's frame, which the robot file does not have: correct com"
+        x, y, z = (round(float(value), 6) for value in centre)
+        return KnownLoad(mass, (x, y, z)), why
     return None
-
-
-def _placed(
-    place: Mapping[str, Any], mass: float, centre: np.ndarray, arm: NominalArm
-) -> ToldLoad:
-    """The load in the frame of the last joint."""
-    frames = read_frames(RigidBody(arm)).values()
-    of_last = [frame for frame in frames if frame.joint == arm.joints[-1]]
-    why = f"told to the robot ({place['mass']}, {place['com']})"
-    for frame in of_last:
-        if frame.name.endswith(tuple(place["frames"])):
-            centre = frame.position + frame.rotation @ centre
-            why += f", its centre in the frame of {frame.name}"
-            break
-    else:
-        why += ", its centre in the flange's frame, which the robot file does not have: correct com"
-    x, y, z = (round(float(value), 6) for value in centre)
-    return ToldLoad(KnownLoad(float(mass), (x, y, z)), why)
 
 
 # The case file.
@@ -651,23 +601,21 @@ def case_text(found: Inspection, folder: Path, robot: str | None) -> str:
     """
     names = ", ".join(log.path.name for log in found.logs[:4])
     more = f" and {len(found.logs) - 4} more" if len(found.logs) > 4 else ""
+    name = found.main.log.path.stem if found.arm is None else found.arm.name
     lines = [
         f"# Drafted by gapscope inspect from {names}{more}. Every entry is a guess, with its reason beside it.",
-        f"name: {flow(_name(found))}",
+        f"name: {flow(name)}",
         *_robot(found, robot),
         *_recordings(found, folder),
-        *_payloads(found, folder),
         "import:",
-        *_aligned(_import(found)),
-        *_data_sheet(found),
     ]
-    return "\n".join(lines) + "\n"
-
-
-def _name(found: Inspection) -> str:
-    if found.arm is not None:
-        return found.arm.name
-    return found.main.log.path.stem
+    for text, reason in _import(found):
+        # beside its line if short, else above
+        if len(reason) > BESIDE:
+            lines += [f"  # {part}" for part in wrap(reason, ABOVE)]
+            reason = ""
+        lines.append(f"  {text}  # {reason}" if reason else f"  {text}")
+    return "\n".join([*lines, *_data_sheet(found)]) + "\n"
 
 
 def _robot(found: Inspection, robot: str | None) -> Iterator[str]:
@@ -685,36 +633,41 @@ def _robot(found: Inspection, robot: str | None) -> Iterator[str]:
 
 
 def _recordings(found: Inspection, folder: Path) -> Iterator[str]:
+    """The recordings, and the load of each whose robot was told of one."""
+
+    def relative(table: InspectedTable) -> str:
+        way = os.path.relpath(table.log.path.resolve(), folder.resolve())
+        return Path(way).as_posix()
+
     yield "recordings:"
+    loads = {}
     for entry in found.entries:
-        paths = {
-            label: _relative(table.log.path, folder) for label, table in entry.items()
-        }
-        alone = len(set(paths.values())) == 1
-        yield f"  - {flow(paths[MAIN]) if alone else flow(paths)}"
+        paths = {label: relative(table) for label, table in entry.items()}
+        first, *others = paths.values()
+        alone = all(path == first for path in others)
+        yield f"  - {flow(first if alone else paths)}"
+        if found.arm is not None:
+            loads[first] = told_load(next(iter(entry.values())), found.arm)
     if len(found.entries) > 2:
         yield "# judge: [FILE]  # name one of them here in place of above: it is held out and never fitted"
-
-
-def _payloads(found: Inspection, folder: Path) -> Iterator[str]:
-    """The load of each recording, if its robot was told of one."""
-    told = {
-        _relative(entry[label].log.path, folder): load
-        for entry in found.entries
-        for label in list(entry)[:1]
-        if found.arm is not None
-        and (load := told_load(entry[label], found.arm)) is not None
-    }
+    told = {path: load for path, load in loads.items() if load is not None}
     if told:
         yield "payloads:"
-    for name, load in told.items():
-        yield f"  {flow(name)}: {flow(load.load.entry())}  # {load.why}"
+    for path, (load, why) in told.items():
+        yield f"  {flow(path)}: {flow(load.entry())}  # {why}"
 
 
 def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     """Lines of the import section, each with its reason."""
-    yield _time_entry(found)
-    main = found.main
+    main, time = found.main, found.main.time
+    entry: dict[str, Any] = {}
+    if time.column is not None:
+        unnamed = found.sources.get(TIME, main).part.unnamed
+        entry["column"] = int(time.column) if unnamed else time.column
+    entry |= {"unit": time.unit} if time.unit else {"rate": _rounded(time.rate)}
+    if TIME in found.sources:
+        entry["file"] = TIME
+    yield f"time: {flow(entry)}", time.why
     if main.part.kind == LEROBOT:
         numbers = list(range(len(main.log.tables)))
         listed = flow({"fit": numbers[:-1] or numbers, "judge": numbers[-1:]})
@@ -724,23 +677,26 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     if _renamed(found):
         listed = flow(list(found.chosen["q"][1].group.labels))
         yield f"joints: {listed}", "their names in the log, in the order of the robot's"
-    files = {table.log.path for table in found.sources.values()}
-    if len(files) > 1:
-        yield _join(found)
+    if len({table.log.path for table in found.sources.values()}) > 1:
+        if len({len(table.part) for table in found.sources.values()}) == 1:
+            yield "join: row", "the files have as many rows"
+        else:
+            yield (
+                "join: hold",
+                "the files differ in length: the last value before counts",
+            )
     for channel in CHANNELS:
         if channel in found.chosen:
-            label, guess = found.chosen[channel]
-            yield from _channel(found, channel, label, guess)
+            yield from _channel(found, channel, *found.chosen[channel])
         elif channel == "tau":
             yield "tau: null", "no column name identifies a torque"
-    used = [guess for _, guess in found.chosen.values()]
+    used = [id(guess) for _, guess in found.chosen.values()]
     for label, table in found.sources.items():
         for guess in table.channels:
             # what else could be the torque, or the position if its vendor says what the column holds
             other = guess.channel in TORQUES or (guess.channel == "q" and guess.role)
-            if other and guess not in used:
-                line = f"# {guess.channel}: {_entry(found, label, guess)}"
-                yield line, _reason(found, label, guess)
+            if other and id(guess) not in used:
+                yield f"# {guess.channel}: {_entry(found, label, guess)}", guess.reason
 
 
 def _renamed(found: Inspection) -> bool:
@@ -752,146 +708,80 @@ def _renamed(found: Inspection) -> bool:
     return same_number and not set(found.arm.joints) <= set(group.labels)
 
 
-def _join(found: Inspection) -> tuple[str, str]:
-    """How files side by side meet."""
-    rows = {len(table.part) for table in found.sources.values()}
-    if len(rows) == 1:
-        return "join: row", "the files have as many rows"
-    return "join: hold", "the files differ in length: the last value before counts"
-
-
-def _time_entry(found: Inspection) -> tuple[str, str]:
-    time = found.main.time
-    column: str | int | None = time.column
-    table = found.sources.get(TIME, found.main).part
-    if column is not None and table.unnamed:
-        column = int(column)
-    if column is None:
-        entry: dict[str, Any] = {"rate": _rounded(time.rate)}
-    elif not time.unit:
-        entry = {"column": column, "rate": _rounded(time.rate)}
-    else:
-        entry = {"column": column, "unit": time.unit}
-    if TIME in found.sources:
-        entry["file"] = TIME
-    return f"time: {flow(entry)}", time.why
-
-
 def _channel(
     found: Inspection, channel: str, label: str, guess: ChannelGuess
 ) -> Iterator[tuple[str, str]]:
     """The line of one channel; a comment if the columns cannot be read as they are."""
     line = f"{channel}: {_entry(found, label, guess)}"
-    values = guess.group.values
+    values, null = guess.group.values, f"{channel}: null"
     if not usable(values):
         yield f"# {line}", "left out: it holds cells that are no numbers"
-        yield f"{channel}: null", ""
+        yield null, ""
     elif np.ptp(values) == 0 and channel != "q":
         yield f"# {line}", f"left out: it is {values.flat[0]:g} throughout"
-        yield f"{channel}: null", ""
+        yield null, ""
     elif guess.unit == "A":
-        yield (
-            f"# {line}",
-            "give the motor constants [N m/A] and gear ratios of the data sheet, and take the # away",
-        )
-        yield f"{channel}: null", _reason(found, label, guess)
+        remedy = "give the motor constants [N m/A] and gear ratios of the data sheet, and take the # away"
+        yield f"# {line}", remedy
+        yield null, guess.reason
     else:
-        yield line, _reason(found, label, guess)
+        yield line, guess.reason
 
 
 def _entry(found: Inspection, label: str, guess: ChannelGuess) -> str:
     """What the import section says of some columns."""
-    entry: dict[str, Any] = {"column": _columns_entry(found, guess)}
+    entry: dict[str, Any] = {"column": _columns_entry(found, guess.group)}
     if guess.unit not in ("", "rad", "rad/s", "N m", "degC"):
         entry["unit"] = guess.unit
     if guess.group.sign_bit is not None:
         entry["sign_bit"] = guess.group.sign_bit
     if guess.unit == "A":
-        n = found.n_joints
-        entry |= {"motor_constant": [0.0] * n, "gear_ratio": [0.0] * n}
+        zeros = [0.0] * found.n_joints
+        entry |= {"motor_constant": zeros, "gear_ratio": list(zeros)}
     table = found.sources[label]
     if len({other.log.path for other in found.sources.values()}) > 1:
         entry["file"] = label
     elif table is not found.main:
         entry["topic"] = table.part.name
-    if list(entry) == ["column"]:
-        return flow(entry["column"])
-    return flow(entry)
+    return flow(entry["column"] if list(entry) == ["column"] else entry)
 
 
 def _columns_entry(
-    found: Inspection, guess: ChannelGuess
+    found: Inspection, group: ColumnGroup
 ) -> str | list[str] | list[int]:
     """The pattern, or a list of names if it does not give those of the arm's joints; numbers for lack of names."""
-    group = guess.group
+    names = list(group.names[: found.n_joints])
     if group.numbered:
-        return [int(name) for name in group.names[: found.n_joints]]
+        return [int(name) for name in names]
     if group.seen:
-        return list(group.names[: found.n_joints])
+        return names
     if found.arm is None or len(group.names) != group.width:
         return group.pattern
-    joints = found.arm.joints
-    if "{joint}" not in group.pattern and group.width == len(joints):
-        return group.pattern
-    main = found.chosen["q"][1].group
-    if group.by_name and (set(joints) <= set(group.labels)):
-        return group.pattern
-    if _renamed(found) and group.labels == main.labels:
-        return group.pattern
-    places = columns_of_arm(group, joints)
-    return (
-        list(group.names)
-        if places is None
-        else [group.names[place] for place in places]
-    )
-
-
-def _reason(found: Inspection, label: str, guess: ChannelGuess) -> str:
-    """Why columns are taken for what they are."""
-    if guess.channel not in TORQUES:
-        return "; ".join(filter(None, (guess.why, guess.role)))
-    facts = found.torques.get((label, guess.group.pattern), [])
-    said = guess.why if guess.group.seen else guess.role or guess.why
-    return "; ".join(filter(None, (said, *facts)))
+    complete = group.width == found.arm.n_joints
+    if group.by_name:
+        as_main = group.labels == found.chosen["q"][1].group.labels
+        complete = set(found.arm.joints) <= set(group.labels) or (
+            as_main and _renamed(found)
+        )
+    return group.pattern if complete else names
 
 
 def _data_sheet(found: Inspection) -> Iterator[str]:
-    """What only a data sheet can say; of a known robot, what its file says."""
+    """What only a data sheet can say, or of a known robot its file, and a controller if the log has a reference."""
     yield "# nominal:  # the data sheet, one value per joint, joint side; take the # away to state it"
+    zeros = [0.0] * found.n_joints
     for quantity, name in SHEET.items():
         unit = SHEET_UNITS[name]
         if quantity == "rotor":
             unit += ": rotor inertia times gear ratio squared"
-        values = [0.0] * found.n_joints
+        values = zeros
         if found.arm is not None:
             values = [float(f"{x:.6g}") for x in getattr(found.arm, name)]
         yield f"#   {name}: {flow(values)}  # {unit}"
     yield "#   encoder: motor  # motor, or joint: the side of the gear on which the position is measured"
-    yield from _controller(found)
-
-
-def _controller(found: Inspection) -> Iterator[str]:
-    """A controller to fill in, if the log holds what it followed."""
-    if "q_ref" not in found.chosen:
-        return
-    zeros = flow([0.0] * found.n_joints)
-    rate = _rounded(float(f"{found.main.time.rate:.4g}"))
-    yield f"# controller: {{kind: pd, rate: {rate}, kp: {zeros}, kd: {zeros}}}  # for replay: N m/rad, N m s/rad"
-
-
-def _aligned(lines: Iterator[tuple[str, str]]) -> Iterator[str]:
-    """Lines with their reasons: beside them if short, else above."""
-    for text, reason in lines:
-        if len(reason) > BESIDE:
-            for part in wrap(reason, ABOVE):
-                yield f"  # {part}"
-            yield f"  {text}"
-        else:
-            yield f"  {text}  # {reason}" if reason else f"  {text}"
-
-
-def _relative(path: Path, folder: Path) -> str:
-    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    if "q_ref" in found.chosen:
+        rate, gains = _rounded(float(f"{found.main.time.rate:.4g}")), flow(zeros)
+        yield f"# controller: {{kind: pd, rate: {rate}, kp: {gains}, kd: {gains}}}  # for replay: N m/rad, N m s/rad"
 
 
 def _rounded(rate: float) -> float | int:
@@ -909,18 +799,15 @@ def flow(value: Any) -> str:
 
 def check_draft(found: Inspection) -> list[Remark]:
     """Read the drafted case: why it cannot be read as it is, or what the reader noticed, and dropped."""
-    place, problem, remedy = (
-        "the drafted case",
-        "no robot is known: the torque cannot be judged",
-        "",
-    )
-    if found.arm is not None:
-        try:
-            recordings = _drafted(found).recordings
-            return [note(r.name, said) for r in recordings for said in r.notes]
-        except GapscopeError as error:
-            problem, remedy = _said(error), error.remedy
-    return [Remark("error", "case", place, problem, remedy)]
+    try:
+        recordings = _drafted(found).recordings
+    except InputError as error:
+        # the draft lies in a folder that is gone: names of files alone
+        file = error.file.name if error.file is not None else ""
+        said = ", ".join(filter(None, (file, error.where)))
+        said = f"{said}: {error.problem}" if said else error.problem
+        return [Remark("error", "case", "the drafted case", said, error.remedy)]
+    return [note(r.name, said) for r in recordings for said in r.notes]
 
 
 def judge_torques(found: Inspection) -> Inspection:
@@ -930,52 +817,74 @@ def judge_torques(found: Inspection) -> Inspection:
     """
     if found.arm is None:
         return replace(found, misread=tuple(_of_stamps(found)))
-    looked: dict[tuple[str, str], SetUp] = {}
-    torques = dict(found.torques)
-    for label, table in found.sources.items():
-        for guess in table.channels:
-            set_up = _set_up(found, label, guess)
-            if set_up is not None:
-                place = label, guess.group.pattern
-                looked[place] = set_up
-                remarks = set_up.remarks()
-                said = [remark.text for remark in remarks if remark.topic != "time"]
-                torques[place] = [*torques[place], *said]
-    found = _best_first(replace(found, torques=torques), looked)
+    looked = {
+        (label, guess.group.pattern): set_up
+        for label, table in found.sources.items()
+        for guess in table.channels
+        if (set_up := _set_up(found, label, guess)) is not None
+    }
+    label = found.chosen.get("tau", ("",))[0]
+
+    def told(guess: ChannelGuess, at: str) -> ChannelGuess:
+        set_up = looked.get((at, guess.group.pattern))
+        if set_up is None:
+            return guess
+        said = (remark.text for remark in set_up.remarks() if remark.topic != "time")
+        return replace(guess, facts=(*guess.facts, *said))
+
+    def rank(guess: ChannelGuess) -> tuple[float, ...]:
+        """Torques of a table without names of columns in the order in which they fit the arm."""
+        set_up = looked.get((label, guess.group.pattern))
+        if guess.channel != "tau" or set_up is None or set_up.off is None:
+            return (1.0,)
+        # of a torque and the current that it was made from, the one in N m
+        return (set_up.off > NO_TORQUE, len(set_up.faults), set_up.off)
+
+    entries = []
+    for entry in found.entries:
+        tables = {}
+        for at, table in entry.items():
+            channels = [told(guess, at) for guess in table.channels]
+            if at == label and table.by_values:
+                channels.sort(key=rank)
+            tables[at] = replace(table, channels=tuple(channels))
+        entries.append(tables)
+    found = replace(found, entries=tuple(entries))
     if "tau" not in found.chosen:
         return found
-    label, guess = found.chosen["tau"]
-    chosen = looked.get((label, guess.group.pattern))
-    if chosen is None:
-        return found
-    misread = tuple(remark for remark in chosen.remarks() if remark.level != "ok")
+    chosen = looked.get((label, found.chosen["tau"][1].group.pattern))
+    remarks = () if chosen is None else chosen.remarks()
+    misread = tuple(remark for remark in remarks if remark.level != "ok")
     return replace(found, misread=misread)
 
 
 def _of_stamps(found: Inspection) -> Iterator[Remark]:
     """What is wrong with the time stamps of logs, as a diagnosis finds it."""
-    label, _ = found.chosen["q"]
     for entry in found.entries:
-        table = entry[label]
+        table = entry[found.chosen["q"][0]]
         guess = table.best("q")
-        if guess is None:
-            continue
         # what stands still, jumps back or is no number is said of the columns
-        recording = _as_recorded(table, [guess])
-        for fault in find_stamps(filter(None, [recording])):
-            yield fault_remark(fault, guess.group.width)
+        recording = None if guess is None else _as_recorded(table, [guess])
+        if recording is not None:
+            for fault in find_stamps([recording]):
+                yield fault_remark(fault, recording.n_joints)
 
 
 def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:
     """What the drafted case with some columns as the torque shows; ``None`` if it cannot be asked."""
-    if found.arm is None or guess.channel not in TORQUES:
+    if guess.channel not in TORQUES:
         return None
     if guess.role in AMPERES:
         # without motor constants the search finds what an ampere makes
         guess = replace(guess, unit="N m")
-    torque = {"tau": (label, replace(guess, channel="tau"))}
+    first = {}
+    for at, table in found.sources.items():
+        channels = [other for other in table.channels if other.channel != "tau"]
+        if at == label:
+            channels.insert(0, replace(guess, channel="tau"))
+        first[at] = replace(table, channels=tuple(channels))
     try:
-        case = _drafted(replace(found, chosen=found.chosen | torque))
+        case = _drafted(replace(found, entries=(first, *found.entries[1:])))
         return look_at_set_up(case)
     except GapscopeError:
         # it cannot be read, which is said of the draft, or is too short to be differentiated
@@ -986,53 +895,12 @@ def _drafted(found: Inspection) -> Case:
     """The drafted case.
 
     Raises:
-        GapscopeError: it cannot be read.
+        InputError: it cannot be read.
     """
-    assert found.arm is not None
+    if found.arm is None:
+        raise InputError("no robot is known: the torque cannot be judged")
     with TemporaryDirectory(prefix="gapscope_") as folder:
         file = Path(folder) / "case.yaml"
         text = case_text(found, Path(folder), str(found.arm.urdf.resolve()))
         file.write_text(text, encoding="utf-8")
         return load_case(file, any_unit=True)
-
-
-def _said(error: GapscopeError) -> str:
-    """An error on the draft, which lies in a folder that is gone: names of files alone."""
-    if not isinstance(error, InputError):
-        return error.message
-    file = error.file.name if error.file is not None else ""
-    place = ", ".join(filter(None, (file, error.where)))
-    return f"{place}: {error.problem}" if place else error.problem
-
-
-def _best_first(found: Inspection, looked: dict[tuple[str, str], SetUp]) -> Inspection:
-    """The torques of a table without names of columns in the order in which they fit the arm."""
-
-    def rank(guess: ChannelGuess) -> tuple[float, ...]:
-        set_up = looked.get((label, guess.group.pattern))
-        if guess.channel != "tau" or set_up is None or set_up.off is None:
-            return (1.0,)
-        # of a torque and the current that it was made from, the one in N m
-        return (set_up.off > NO_TORQUE, len(set_up.faults), set_up.off)
-
-    def ordered(table: InspectedTable) -> InspectedTable:
-        return replace(table, channels=tuple(sorted(table.channels, key=rank)))
-
-    for label, table in found.sources.items():
-        torque = found.chosen.get("tau", ("",))[0]
-        if label == torque and table.by_values:
-            entries = tuple(
-                {**entry, label: ordered(entry[label])} for entry in found.entries
-            )
-            sources = {**found.sources, label: ordered(table)}
-            best = sources[label].best("tau")
-            assert best is not None
-            chosen = {**found.chosen, "tau": (label, best)}
-            return replace(
-                found,
-                entries=entries,
-                sources=sources,
-                chosen=chosen,
-                oddities=oddities_in(entries, chosen),
-            )
-    return found

@@ -11,7 +11,12 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import LARGEST_UNPACKED, PIECE, read_arrays
+from gapscope.arm.input_file import (
+    PIECE,
+    check_unpacked,
+    complete_file,
+    read_arrays,
+)
 from gapscope.arm.io.table import Table, is_number, numbered
 
 # Tables from CSV, Parquet and NPZ files.
@@ -71,19 +76,12 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
         for line in (header, first)
     ]
     names, begin = _names(split[0], path)
-    # every column is allocated once, before its blocks are read: never two copies of the file
-    count = _lines(path) - begin + 1
-    # a cell takes a byte at least, so that rows of more cells are not what the file holds
-    if len(split[1]) != len(names) or count * len(names) > path.stat().st_size:
+    if len(split[1]) != len(names):
         return None
     number = dict(zip(names, map(is_number, split[1]), strict=True))
-    columns: dict[str, Any] = {
-        name: np.empty(count, dtype=float if number[name] else object) for name in names
-    }
     types = {name: pa.float64() if number[name] else pa.string() for name in names}
-    filled = 0
     try:
-        blocks = arrow.open_csv(
+        found = arrow.read_csv(
             path,
             arrow.ReadOptions(
                 use_threads=False, column_names=names, skip_rows=begin - 1
@@ -92,22 +90,17 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
             # an empty cell is an error that has a place, not a missing value
             arrow.ConvertOptions(column_types=types, null_values=[]),
         )
-        for block in blocks:
-            rows = slice(filled, filled + block.num_rows)
-            for column, cells in zip(columns.values(), block, strict=True):
-                column[rows] = cells.to_numpy(zero_copy_only=False)
-            filled += block.num_rows
     except (pa.ArrowException, OSError, ValueError):
         return None
-    # fewer rows than lines: empty lines, or cells of several
-    if filled != count:
+    count = _lines(path) - begin + 1
+    columns: dict[str, Any] = {name: found.column(name).to_numpy() for name in names}
+    values = [columns[name] for name in names if number[name]]
+    # fewer rows than lines: empty lines, or cells of several; what is not finite is shown as it is written
+    if found.num_rows != count or not all(np.isfinite(x).all() for x in values):
         return None
     for name in names:
         if not number[name]:
             columns[name] = tuple(text.lstrip() for text in columns[name])
-        # what is not finite is shown as it is written
-        elif not np.isfinite(columns[name]).all():
-            return None
     return Table(path, columns, range(begin, count + begin), "line")
 
 
@@ -202,56 +195,32 @@ def read_parquet(path: Path) -> Table:
     Raises:
         InputError: the file is damaged, or has no rows.
     """
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
-        with pq.ParquetFile(path) as file:
-            check_unpacked(file.metadata, path)
-            # one column at a time: never two copies of the file
-            columns = {
-                name: file.read([name]).column(name).to_numpy()
-                for name in file.schema_arrow.names
-            }
-    except (
-        pa.ArrowException,
-        OSError,
-        ValueError,
-        LookupError,
-        MemoryError,
-    ) as error:
-        raise InputError(
-            f"cannot be read as Parquet ({error})", "is the file complete?", file=path
-        ) from None
-    count = len(next(iter(columns.values()), ()))
-    # each column is read alone, so that a damaged page may leave one shorter
-    short = [name for name, column in columns.items() if len(column) != count]
-    if short:
-        raise InputError(
-            f"cannot be read as Parquet (column {short[0]!r} has {len(columns[short[0]])} rows, the first {count})",
-            "is the file complete?",
-            file=path,
-        )
+    with complete_file(path, "Parquet"), pq.ParquetFile(path) as file:
+        check_unpacked(parquet_size(file.metadata), path)
+        # one column at a time: never two copies of the file
+        columns = {
+            name: file.read([name]).column(name).to_numpy()
+            for name in file.schema_arrow.names
+        }
+        count = len(next(iter(columns.values()), ()))
+        # each column is read alone, so that a damaged page may leave one shorter
+        for name, column in columns.items():
+            if len(column) != count:
+                raise ValueError(
+                    f"column {name!r} has {len(column)} rows, the first {count}"
+                )
     if not count:
         raise InputError("has no rows", "give a file with samples", file=path)
     return Table(path, columns, range(1, count + 1))
 
 
-def check_unpacked(metadata: Any, path: Path) -> None:
-    """Check that a Parquet file is not beyond ``LARGEST_UNPACKED``: a run of one value takes no place in it.
-
-    Raises:
-        InputError: it is.
-    """
+def parquet_size(metadata: Any) -> float:
+    """Size of a Parquet file once unpacked, by what it states [bytes]."""
     groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
     stated = sum(group.total_byte_size for group in groups)
-    size = max(stated, 8 * metadata.num_rows * metadata.num_columns)
-    if size > LARGEST_UNPACKED:
-        raise InputError(
-            f"holds {size / 1e9:.1f} GB unpacked, at most {LARGEST_UNPACKED / 1e9:g} GB are read",
-            "cut the motion to be examined out of it",
-            file=path,
-        )
+    return max(stated, 8 * metadata.num_rows * metadata.num_columns)
 
 
 def read_npz(path: Path) -> Table:
