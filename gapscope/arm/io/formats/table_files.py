@@ -76,12 +76,19 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
         for line in (header, first)
     ]
     names, begin = _names(split[0], path)
-    if len(split[1]) != len(names):
+    # every column is allocated once, before its blocks are read: never two copies of the file
+    count = _lines(path) - begin + 1
+    # a cell takes a byte at least, so that rows of more cells are not what the file holds
+    if len(split[1]) != len(names) or count * len(names) > path.stat().st_size:
         return None
     number = dict(zip(names, map(is_number, split[1]), strict=True))
+    columns: dict[str, Any] = {
+        name: np.empty(count, dtype=float if number[name] else object) for name in names
+    }
     types = {name: pa.float64() if number[name] else pa.string() for name in names}
+    filled = 0
     try:
-        found = arrow.read_csv(
+        blocks = arrow.open_csv(
             path,
             arrow.ReadOptions(
                 use_threads=False, column_names=names, skip_rows=begin - 1
@@ -90,17 +97,22 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
             # an empty cell is an error that has a place, not a missing value
             arrow.ConvertOptions(column_types=types, null_values=[]),
         )
+        for block in blocks:
+            rows = slice(filled, filled + block.num_rows)
+            for column, cells in zip(columns.values(), block, strict=True):
+                column[rows] = cells.to_numpy(zero_copy_only=False)
+            filled += block.num_rows
     except (pa.ArrowException, OSError, ValueError):
         return None
-    count = _lines(path) - begin + 1
-    columns: dict[str, Any] = {name: found.column(name).to_numpy() for name in names}
-    values = [columns[name] for name in names if number[name]]
-    # fewer rows than lines: empty lines, or cells of several; what is not finite is shown as it is written
-    if found.num_rows != count or not all(np.isfinite(x).all() for x in values):
+    # fewer rows than lines: empty lines, or cells of several
+    if filled != count:
         return None
     for name in names:
         if not number[name]:
             columns[name] = tuple(text.lstrip() for text in columns[name])
+        # what is not finite is shown as it is written
+        elif not np.isfinite(columns[name]).all():
+            return None
     return Table(path, columns, range(begin, count + begin), "line")
 
 
