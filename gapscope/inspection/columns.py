@@ -114,22 +114,14 @@ def meaning_of(name: str, context: str = "") -> Meaning:
 def words_of(name: str) -> set[str]:
     """Words of a name, lower case, in the singular: PositionCmptd1 and position_cmptd have the same two."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", re.sub(r"\{\w+\}", " ", name))
-    words = re.split(r"[^a-z]+", spaced.lower())
-    return {_singular(word) for word in words} - {""}
-
-
-def _singular(word: str) -> str:
-    if word.endswith("ies"):
-        return word[:-3] + "y"
-    plural = len(word) > 3 and word.endswith("s") and not word.endswith(("us", "ss"))
-    return word[:-1] if plural else word
+    words = re.findall("[a-z]+", spaced.lower())
+    singular = (re.sub("ies$", "y", word) for word in words)
+    return {re.sub("(?<=..[^us])s$", "", word) for word in singular}
 
 
 def _quantity(words: set[str]) -> str:
-    for quantity, names in QUANTITIES.items():
-        if words & names:
-            return quantity
-    return ""
+    fitting = (name for name, known in QUANTITIES.items() if words & known)
+    return next(fitting, "")
 
 
 # Units of positions and velocities, from their names, their range and each other.
@@ -558,6 +550,8 @@ TORQUE_ORDER = (
 
 AMPERES = ("current", "commanded current")
 """Those of them that are no torque yet."""
+UNIT_OF = {"temperature": "degC"}
+"""Unit of channels that are no angle, speed or torque."""
 
 
 @dataclass(frozen=True)
@@ -613,99 +607,68 @@ def channels_of_table(
         time: of the table.
         context: name of file and topic, which count if the names of the columns are silent.
     """
-    named = [(group, group.meaning(context)) for group in columns.groups]
-    known = _of_layout(columns, layout)
-    found = list(known)
-    taken = [guess.group for guess in known]
-    for group, meaning in named:
-        channel, role = _channel(meaning)
-        if channel and not any(group is other for other in taken):
-            why = group.seen or BY_NAME
-            found.append(ChannelGuess(channel, group, "", why, role))
-    positions = _first(found, "q") or _first(found, "q_ref")
-    angle, why = "rad", ""
-    if positions is not None:
-        ratio = _ratio(time, positions, _first(found, "dq"))
-        group = positions.group
-        angle, why = position_unit(group.pattern, group.values, ratio)
-    found = [
-        guess if guess.unit else _with_units(guess, angle, why, time, found)
-        for guess in found
-    ]
-    order = {role: rank + 1 for rank, role in enumerate(TORQUE_ORDER)}
-    return sorted(found, key=lambda guess: order.get(guess.role, 0))
-
-
-def _of_layout(columns: TableColumns, layout: Layout | None) -> list[ChannelGuess]:
-    """Columns of a known layout, in its order."""
-    if layout is None:
-        return []
     by_pattern = {group.pattern: group for group in columns.groups}
     found = []
-    for channel, places in layout.places.items():
+    for channel, places in ({} if layout is None else layout.places).items():
         for place in places:
             group = by_pattern.get(place.column)
             if group is not None:
-                why = f"as in {layout.name}"
+                why = f"as in {layout.name}" if layout else ""
                 found.append(ChannelGuess(channel, group, place.unit, why, place.holds))
-    return found
+    taken = {guess.group.pattern for guess in found}
+    for group in columns.groups:
+        channel, role = _channel(group.meaning(context))
+        if channel and group.pattern not in taken:
+            why = group.seen or BY_NAME
+            found.append(ChannelGuess(channel, group, "", why, role))
+    first = {guess.channel: guess.group for guess in reversed(found)}
+    positions = first.get("q", first.get("q_ref"))
+
+    def ratio(
+        position: ColumnGroup | None, velocity: ColumnGroup | None
+    ) -> float | None:
+        """Velocity over derivative of the position, if both are there."""
+        if position is None or velocity is None:
+            return None
+        return derivative_ratio(time.seconds, position.values, velocity.values)
+
+    angle, angle_why = "rad", ""
+    if positions is not None:
+        moved = ratio(positions, first.get("dq"))
+        angle, angle_why = position_unit(positions.pattern, positions.values, moved)
+
+    def with_unit(guess: ChannelGuess) -> ChannelGuess:
+        """A guess with the unit of its columns."""
+        unit, reason = UNIT_OF.get(guess.channel, "N m"), ""
+        if guess.unit:
+            return guess
+        if guess.channel in ("q", "q_ref"):
+            unit, reason = angle, angle_why
+        elif guess.channel in ("dq", "dq_ref"):
+            moved = ratio(first.get(guess.channel[1:], first.get("q")), guess.group)
+            unit, reason = velocity_unit(guess.group.pattern, angle, moved)
+        elif guess.role in AMPERES:
+            unit = "A"
+        # a name that says what the channel is says little beside what the values show
+        said = "" if reason and guess.why == BY_NAME else guess.why
+        return replace(guess, unit=unit, why="; ".join(filter(None, (said, reason))))
+
+    order = {role: rank + 1 for rank, role in enumerate(TORQUE_ORDER)}
+    return sorted(map(with_unit, found), key=lambda guess: order.get(guess.role, 0))
 
 
 def _channel(meaning: Meaning) -> tuple[str, str]:
     """Channel, and for a torque its role; empty for columns that are none."""
-    suffix = "_ref" if meaning.reference else ""
-    if meaning.quantity in ("position", "velocity"):
-        return {"position": "q", "velocity": "dq"}[meaning.quantity] + suffix, ""
-    if meaning.quantity == "temperature":
-        return "temperature", ""
-    if meaning.quantity == "torque":
-        if meaning.sensor:
-            return "tau_sensor", ""
-        if meaning.reference:
-            return "tau", "commanded torque"
-        by_current = meaning.words & {"cur", "current"}
-        return "tau", "derived from current" if by_current else "torque"
-    if meaning.quantity == "current":
-        return "tau", "commanded current" if meaning.reference else "current"
-    return "", ""
-
-
-def _with_units(
-    guess: ChannelGuess,
-    angle: str,
-    why: str,
-    time: TimeGuess,
-    others: Sequence[ChannelGuess],
-) -> ChannelGuess:
-    """A guess with the unit of its columns."""
-    unit, reason = "N m", ""
-    if guess.channel in ("q", "q_ref"):
-        unit, reason = angle, why
-    elif guess.channel in ("dq", "dq_ref"):
-        positions = _first(others, guess.channel[1:]) or _first(others, "q")
-        ratio = _ratio(time, positions, guess)
-        unit, reason = velocity_unit(guess.group.pattern, angle, ratio)
-    elif guess.channel == "temperature":
-        unit = "degC"
-    elif guess.role in AMPERES:
-        unit = "A"
-    # a name that says what the channel is says little beside what the values show
-    said = "" if reason and guess.why == BY_NAME else guess.why
-    return replace(guess, unit=unit, why="; ".join(filter(None, (said, reason))))
-
-
-def _ratio(
-    time: TimeGuess, positions: ChannelGuess | None, velocities: ChannelGuess | None
-) -> float | None:
-    if positions is None or velocities is None:
-        return None
-    return derivative_ratio(
-        time.seconds, positions.group.values, velocities.group.values
-    )
-
-
-def _first(found: Sequence[ChannelGuess], channel: str) -> ChannelGuess | None:
-    return next((guess for guess in found if guess.channel == channel), None)
+    asked, quantity = meaning.reference, meaning.quantity
+    if quantity in ("position", "velocity"):
+        return ("q" if quantity == "position" else "dq") + "_ref" * asked, ""
+    if quantity == "torque" and meaning.sensor:
+        return "tau_sensor", ""
+    if quantity == "torque" and not asked and meaning.words & {"cur", "current"}:
+        return "tau", "derived from current"
+    if quantity in ("torque", "current"):
+        return "tau", f"commanded {quantity}" if asked else quantity
+    return ("temperature", "") if quantity == "temperature" else ("", "")
 
 
 # Columns whose names tell nothing, told apart by what they hold: time, and blocks of one number for each joint.
