@@ -125,7 +125,7 @@ def one(name: str, number: int) -> None:
     with tempfile.TemporaryDirectory(prefix="gapscope_fuzz_") as folder:
         place = Path(folder) / "seeds"
         place.mkdir()
-        target.make(place)
+        target.fill(place)
         content = (place / target.file).read_bytes()
         changed = fuzz_run.mutated(target, content, number)
         if changed is None:

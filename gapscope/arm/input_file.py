@@ -10,8 +10,8 @@ import hashlib
 import os
 import stat
 import zipfile
-import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -191,29 +191,46 @@ def _shortened(name: str) -> str:
     return name if len(name) <= LONGEST_SHOWN else f"{name[:100]} ... {name[-50:]}"
 
 
-# Arrays of an NPZ file: read without pickle, of bounded size, with one answer to whatever is wrong with it.
+# Files that a library reads: of bounded size once unpacked, with one answer to whatever is wrong with them.
 
 
-_DAMAGED_NPZ = (
-    zipfile.BadZipFile,
-    zlib.error,
-    ValueError,
-    TypeError,
-    KeyError,
-    EOFError,
-    OSError,
-    OverflowError,
-    AttributeError,
-    NotImplementedError,
-    RuntimeError,
-    SyntaxError,
-    MemoryError,
-)
-"""What numpy and zipfile raise on archives that are damaged, encrypted, or hold objects."""
+@contextmanager
+def complete_file(
+    path: Path, form: str, remedy: str = "is the file complete?"
+) -> Iterator[None]:
+    """Whatever a library raises on a file of a form, which is damaged then, as the one error on it.
+
+    Raises:
+        InputError: the block raised anything.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    # libraries stumble over damaged files in as many ways as they have lines
+    except Exception as error:
+        said = str(error) or type(error).__name__
+        raise InputError(
+            f"cannot be read as {form} ({said})", remedy, file=path
+        ) from None
+
+
+def check_unpacked(size: float, path: Path) -> None:
+    """Check that a file is not beyond ``LARGEST_UNPACKED`` once unpacked: a run of one value takes no place in it.
+
+    Raises:
+        InputError: it is.
+    """
+    if size > LARGEST_UNPACKED:
+        raise InputError(
+            f"holds {size / 1e9:.1f} GB unpacked, at most {LARGEST_UNPACKED / 1e9:g} GB are read",
+            "cut the motion to be examined out of it",
+            file=path,
+        )
 
 
 def read_arrays(path: Path, remedy: str) -> dict[str, np.ndarray]:
-    """All arrays of an NPZ file by name.
+    """All arrays of an NPZ file by name, without pickles.
 
     Args:
         path: the file.
@@ -223,17 +240,8 @@ def read_arrays(path: Path, remedy: str) -> dict[str, np.ndarray]:
         InputError: there is no such file, it is too large, packed or unpacked, or no complete NPZ file.
     """
     check_file(path, remedy, LARGEST_IN_MEMORY)
-    try:
+    with complete_file(path, "NPZ", remedy):
         with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size <= LARGEST_UNPACKED:
-            with np.load(path, allow_pickle=False) as content:
-                return {name: np.asarray(content[name]) for name in content.files}
-    except _DAMAGED_NPZ as error:
-        said = str(error) or type(error).__name__
-        raise InputError(f"cannot be read as NPZ ({said})", remedy, file=path) from None
-    raise InputError(
-        f"holds {size / 1e9:.1f} GB unpacked, at most {LARGEST_UNPACKED / 1e9:g} GB are read",
-        "cut the motion to be examined out of it",
-        file=path,
-    )
+            check_unpacked(sum(x.file_size for x in archive.infolist()), path)
+        with np.load(path, allow_pickle=False) as content:
+            return {name: np.asarray(content[name]) for name in content.files}

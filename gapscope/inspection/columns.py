@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -116,22 +114,14 @@ def meaning_of(name: str, context: str = "") -> Meaning:
 def words_of(name: str) -> set[str]:
     """Words of a name, lower case, in the singular: PositionCmptd1 and position_cmptd have the same two."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", re.sub(r"\{\w+\}", " ", name))
-    words = re.split(r"[^a-z]+", spaced.lower())
-    return {_singular(word) for word in words} - {""}
-
-
-def _singular(word: str) -> str:
-    if word.endswith("ies"):
-        return word[:-3] + "y"
-    plural = len(word) > 3 and word.endswith("s") and not word.endswith(("us", "ss"))
-    return word[:-1] if plural else word
+    words = re.findall("[a-z]+", spaced.lower())
+    singular = (re.sub("ies$", "y", word) for word in words)
+    return {re.sub("(?<=..[^us])s$", "", word) for word in singular}
 
 
 def _quantity(words: set[str]) -> str:
-    for quantity, names in QUANTITIES.items():
-        if words & names:
-            return quantity
-    return ""
+    fitting = (name for name, known in QUANTITIES.items() if words & known)
+    return next(fitting, "")
 
 
 # Units of positions and velocities, from their names, their range and each other.
@@ -322,17 +312,13 @@ def sorted_columns(table: Table, joints: Sequence[str] = ()) -> TableColumns:
         table: as a reader gave it.
         joints: names of joints that are known, which columns may carry.
     """
-    numbers: dict[str, np.ndarray] = {}
-    groups: list[ColumnGroup] = []
-    for name, cells in table.columns.items():
-        values = numbers_of(cells)
-        if values is None:
-            continue
-        if values.ndim == 2:
-            labels = tuple(str(k + 1) for k in range(values.shape[1]))
-            groups.append(ColumnGroup(name, labels, (name,), values))
-        else:
-            numbers[name] = values
+    every = _numbers(table)
+    numbers = {name: x for name, x in every.items() if x.ndim == 1}
+    groups = [
+        ColumnGroup(name, tuple(map(str, range(1, x.shape[1] + 1))), (name,), x)
+        for name, x in every.items()
+        if x.ndim == 2
+    ]
     for pattern, members in _patterns(list(numbers), joints).items():
         labels, names = tuple(members), tuple(members.values())
         values = np.column_stack([numbers.pop(name) for name in names])
@@ -354,38 +340,11 @@ def _signed(group: ColumnGroup) -> ColumnGroup:
     return group
 
 
-def numbers_of(cells: Any) -> np.ndarray | None:
-    """Cells as numbers, (N,), or (N, k) if they hold lists; ``None`` for texts."""
-    first = next((cell for cell in cells if cell is not None and cell != ""), None)
-    if isinstance(first, str) and first.lstrip().startswith("["):
-        try:
-            return _lists([json.loads(cell) for cell in cells])
-        except ValueError:
-            return None
-    if isinstance(first, (list, tuple, np.ndarray)):
-        return _lists(cells)
-    try:
-        return np.asarray(cells, dtype=float)
-    except (ValueError, TypeError):
-        pass
-    parsed = np.array([_number(cell) for cell in cells])
+def _numbers(table: Table) -> dict[str, np.ndarray]:
+    """Columns of numbers, (N,), or of lists of numbers, (N, k), by their names; texts are left out."""
+    found = {name: table.values(name) for name in table.columns}
     # a few empty or broken cells do not make a text of a column
-    return parsed if np.isfinite(parsed).mean() > 0.5 else None
-
-
-def _lists(cells: Any) -> np.ndarray | None:
-    """Lists of one length as (N, k)."""
-    lengths = {np.shape(cell) for cell in cells}
-    if len(lengths) != 1 or len(next(iter(lengths))) != 1:
-        return None
-    return np.array([np.asarray(cell, dtype=float) for cell in cells])
-
-
-def _number(cell: Any) -> float:
-    try:
-        return float(cell)
-    except (ValueError, TypeError):
-        return np.nan
+    return {name: x for name, x in found.items() if np.isfinite(x).mean() > 0.5}
 
 
 def _patterns(names: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -439,7 +398,7 @@ def _counted(pattern: str, labels: tuple[str, ...]) -> str:
 # The time of a log: which column, in which unit, or at which rate.
 
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = ("s", "ms", "us", "ns")
 USUAL_RATES = (
     30,
     50,
@@ -538,13 +497,13 @@ def _stamped(name: str, stamps: np.ndarray) -> TimeGuess | None:
     median = float(np.median(step[step > 0]))
     likely = unit_of_stamps(1.0 / median, float(stamps[-1] - stamps[0]))
     said = [unit for unit in TIME_UNITS if name.lower().endswith(f"_{unit}")]
-    if said and unit_of_stamps(1.0 / (median * TIME_UNITS[said[0]]), np.inf) == "s":
+    if said and unit_of_stamps(1.0 / (median * UNITS[said[0]]), np.inf) == "s":
         likely = said[0]
     # of what is called a time, but too slow in any unit, the reader says so
     unit = likely or ("s" if meaning_of(name).quantity == "time" else "")
     if not unit:
         return None
-    factor = TIME_UNITS[unit]
+    factor = UNITS[unit]
     rate = 1.0 / (median * factor)
     seconds = (stamps - stamps[0]) * factor
     why = f"its steps in {unit} make {rate:.4g} Hz"
@@ -591,6 +550,8 @@ TORQUE_ORDER = (
 
 AMPERES = ("current", "commanded current")
 """Those of them that are no torque yet."""
+UNIT_OF = {"temperature": "degC"}
+"""Unit of channels that are no angle, speed or torque."""
 
 
 @dataclass(frozen=True)
@@ -603,6 +564,7 @@ class ChannelGuess:
         unit: of the import section, ``A`` for amperes.
         why: what the guess rests on.
         role: what its vendor says that it holds; of a torque without, an entry of ``TORQUE_ORDER``; else empty.
+        facts: what a torque can be, in sentences.
     """
 
     channel: str
@@ -610,6 +572,16 @@ class ChannelGuess:
     unit: str
     why: str
     role: str = ""
+    facts: tuple[str, ...] = ()
+
+    @property
+    def reason(self) -> str:
+        """Why the columns are taken for what they are."""
+        said: tuple[str, ...] = (self.why, self.role)
+        if self.channel in ("tau", "tau_sensor"):
+            silent = self.group.seen or not self.role
+            said = (self.why if silent else self.role, *self.facts)
+        return "; ".join(filter(None, said))
 
 
 def position_and_velocity(
@@ -635,99 +607,68 @@ def channels_of_table(
         time: of the table.
         context: name of file and topic, which count if the names of the columns are silent.
     """
-    named = [(group, group.meaning(context)) for group in columns.groups]
-    known = _of_layout(columns, layout)
-    found = list(known)
-    taken = [guess.group for guess in known]
-    for group, meaning in named:
-        channel, role = _channel(meaning)
-        if channel and not any(group is other for other in taken):
-            why = group.seen or BY_NAME
-            found.append(ChannelGuess(channel, group, "", why, role))
-    positions = _first(found, "q") or _first(found, "q_ref")
-    angle, why = "rad", ""
-    if positions is not None:
-        ratio = _ratio(time, positions, _first(found, "dq"))
-        group = positions.group
-        angle, why = position_unit(group.pattern, group.values, ratio)
-    found = [
-        guess if guess.unit else _with_units(guess, angle, why, time, found)
-        for guess in found
-    ]
-    order = {role: rank + 1 for rank, role in enumerate(TORQUE_ORDER)}
-    return sorted(found, key=lambda guess: order.get(guess.role, 0))
-
-
-def _of_layout(columns: TableColumns, layout: Layout | None) -> list[ChannelGuess]:
-    """Columns of a known layout, in its order."""
-    if layout is None:
-        return []
     by_pattern = {group.pattern: group for group in columns.groups}
     found = []
-    for channel, places in layout.places.items():
+    for channel, places in ({} if layout is None else layout.places).items():
         for place in places:
             group = by_pattern.get(place.column)
             if group is not None:
-                why = f"as in {layout.name}"
+                why = f"as in {layout.name}" if layout else ""
                 found.append(ChannelGuess(channel, group, place.unit, why, place.holds))
-    return found
+    taken = {guess.group.pattern for guess in found}
+    for group in columns.groups:
+        channel, role = _channel(group.meaning(context))
+        if channel and group.pattern not in taken:
+            why = group.seen or BY_NAME
+            found.append(ChannelGuess(channel, group, "", why, role))
+    first = {guess.channel: guess.group for guess in reversed(found)}
+    positions = first.get("q", first.get("q_ref"))
+
+    def ratio(
+        position: ColumnGroup | None, velocity: ColumnGroup | None
+    ) -> float | None:
+        """Velocity over derivative of the position, if both are there."""
+        if position is None or velocity is None:
+            return None
+        return derivative_ratio(time.seconds, position.values, velocity.values)
+
+    angle, angle_why = "rad", ""
+    if positions is not None:
+        moved = ratio(positions, first.get("dq"))
+        angle, angle_why = position_unit(positions.pattern, positions.values, moved)
+
+    def with_unit(guess: ChannelGuess) -> ChannelGuess:
+        """A guess with the unit of its columns."""
+        unit, reason = UNIT_OF.get(guess.channel, "N m"), ""
+        if guess.unit:
+            return guess
+        if guess.channel in ("q", "q_ref"):
+            unit, reason = angle, angle_why
+        elif guess.channel in ("dq", "dq_ref"):
+            moved = ratio(first.get(guess.channel[1:], first.get("q")), guess.group)
+            unit, reason = velocity_unit(guess.group.pattern, angle, moved)
+        elif guess.role in AMPERES:
+            unit = "A"
+        # a name that says what the channel is says little beside what the values show
+        said = "" if reason and guess.why == BY_NAME else guess.why
+        return replace(guess, unit=unit, why="; ".join(filter(None, (said, reason))))
+
+    order = {role: rank + 1 for rank, role in enumerate(TORQUE_ORDER)}
+    return sorted(map(with_unit, found), key=lambda guess: order.get(guess.role, 0))
 
 
 def _channel(meaning: Meaning) -> tuple[str, str]:
     """Channel, and for a torque its role; empty for columns that are none."""
-    suffix = "_ref" if meaning.reference else ""
-    if meaning.quantity in ("position", "velocity"):
-        return {"position": "q", "velocity": "dq"}[meaning.quantity] + suffix, ""
-    if meaning.quantity == "temperature":
-        return "temperature", ""
-    if meaning.quantity == "torque":
-        if meaning.sensor:
-            return "tau_sensor", ""
-        if meaning.reference:
-            return "tau", "commanded torque"
-        by_current = meaning.words & {"cur", "current"}
-        return "tau", "derived from current" if by_current else "torque"
-    if meaning.quantity == "current":
-        return "tau", "commanded current" if meaning.reference else "current"
-    return "", ""
-
-
-def _with_units(
-    guess: ChannelGuess,
-    angle: str,
-    why: str,
-    time: TimeGuess,
-    others: Sequence[ChannelGuess],
-) -> ChannelGuess:
-    """A guess with the unit of its columns."""
-    unit, reason = "N m", ""
-    if guess.channel in ("q", "q_ref"):
-        unit, reason = angle, why
-    elif guess.channel in ("dq", "dq_ref"):
-        positions = _first(others, guess.channel[1:]) or _first(others, "q")
-        ratio = _ratio(time, positions, guess)
-        unit, reason = velocity_unit(guess.group.pattern, angle, ratio)
-    elif guess.channel == "temperature":
-        unit = "degC"
-    elif guess.role in AMPERES:
-        unit = "A"
-    # a name that says what the channel is says little beside what the values show
-    said = "" if reason and guess.why == BY_NAME else guess.why
-    return replace(guess, unit=unit, why="; ".join(filter(None, (said, reason))))
-
-
-def _ratio(
-    time: TimeGuess, positions: ChannelGuess | None, velocities: ChannelGuess | None
-) -> float | None:
-    if positions is None or velocities is None:
-        return None
-    return derivative_ratio(
-        time.seconds, positions.group.values, velocities.group.values
-    )
-
-
-def _first(found: Sequence[ChannelGuess], channel: str) -> ChannelGuess | None:
-    return next((guess for guess in found if guess.channel == channel), None)
+    asked, quantity = meaning.reference, meaning.quantity
+    if quantity in ("position", "velocity"):
+        return ("q" if quantity == "position" else "dq") + "_ref" * asked, ""
+    if quantity == "torque" and meaning.sensor:
+        return "tau_sensor", ""
+    if quantity == "torque" and not asked and meaning.words & {"cur", "current"}:
+        return "tau", "derived from current"
+    if quantity in ("torque", "current"):
+        return "tau", f"commanded {quantity}" if asked else quantity
+    return ("temperature", "") if quantity == "temperature" else ("", "")
 
 
 # Columns whose names tell nothing, told apart by what they hold: time, and blocks of one number for each joint.
@@ -808,45 +749,34 @@ def columns_by_values(
         elif quantity and (arm is None or arm.n_joints == 1):
             groups.append(ColumnGroup(name, ("1",), (name,), x[:, None], BY_NAME))
             taken.add(name)
-    silent = {
-        name: cells
-        for name, cells in table.columns.items()
-        if name not in taken | set(singles) and not words_of(name) & NOT_OF_JOINTS
-    }
     if any(meaning_of(group.pattern).quantity == "position" for group in groups):
-        silent = {}
-    rest = unnamed_columns(replace(table, columns=silent), arm, context)
-    return TableColumns((*groups, *rest.groups), {**singles, **rest.singles})
-
-
-def unnamed_columns(table: Table, arm: NominalArm | None, context: str) -> TableColumns:
-    """Columns of a table by their values alone.
-
-    Args:
-        table: as a reader gave it.
-        arm: the nominal arm, if it is known.
-        context: name of the file and the topic, which say what a block that is alone holds.
-    """
-    found = {name: numbers_of(cells) for name, cells in table.columns.items()}
-    numbers = {name: x for name, x in found.items() if x is not None and x.ndim == 1}
-    singles = _times(numbers)
-    columns = [(name, x) for name, x in numbers.items() if name not in singles]
+        return TableColumns(tuple(groups), singles)
+    silent = {
+        name: x
+        for name, x in _numbers(table).items()
+        if x.ndim == 1
+        and name not in taken | set(singles)
+        and not words_of(name) & NOT_OF_JOINTS
+    }
+    singles |= _times(silent)
+    columns = [(name, x) for name, x in silent.items() if name not in singles]
     if not columns:
-        return TableColumns((), singles)
+        return TableColumns(tuple(groups), singles)
     values = np.column_stack([x[:ROWS] for _, x in columns])
     sound = (np.abs(values) < LARGEST).all(axis=1)
     rows = np.asarray(table.row_numbers[:ROWS])
-    if singles:
+    if silent.keys() & singles.keys():
         # the time tells where rows are missing in the file itself
-        step = np.diff(next(iter(singles.values()))[:ROWS])
+        first = next(x for name, x in singles.items() if name in silent)
+        step = np.diff(first[:ROWS])
         rows = np.cumsum(np.r_[0, np.where(step > LOST * np.median(step), 2, 1)])
     values, rows = values[sound], rows[sound]
     few = len(values) <= 2 * SPAN
-    blocks = [] if few else _Blocks(values, rows, arm).told(context)
-    groups = tuple(block.group(columns) for block in blocks)
-    taken = {name for group in groups for name in group.names}
+    for block in () if few else _Blocks(values, rows, arm).told(context):
+        groups.append(block.group(columns))
+        taken |= set(groups[-1].names)
     singles |= {name: x for name, x in columns if name not in taken}
-    return TableColumns(groups, singles)
+    return TableColumns(tuple(groups), singles)
 
 
 def _times(numbers: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -219,14 +219,13 @@ def channel_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
 def torque_rows(found: Inspection) -> Iterator[tuple[str, str]]:
     """What was seen of each column that may be a torque."""
     taken = [guess for _, guess in found.chosen.values()]
-    for label, table in found.sources.items():
+    for table in found.sources.values():
         for guess in table.channels:
             if guess.channel in TORQUES:
-                facts = found.torques[label, guess.group.pattern]
                 used = f" (taken as {guess.channel})" if guess in taken else ""
                 yield (
                     f"{guess.group.pattern}{used}",
-                    "; ".join(facts) or "nothing strikes",
+                    "; ".join(guess.facts) or "nothing strikes",
                 )
 
 

@@ -62,15 +62,6 @@ def test_a_sheet_at_fault_is_refused_with_its_entry(
     assert caught.value.file is None
 
 
-def test_the_file_that_holds_the_sheet_is_named() -> None:
-    with pytest.raises(
-        InputError, match=r"case.yaml, field nominal.coulomb: expected 7 numbers"
-    ):
-        load_nominal_arm(
-            "kuka_iiwa", sheet={"coulomb": [1.0]}, source=Path("case.yaml")
-        )
-
-
 @pytest.mark.parametrize(
     ("value", "message"),
     [(["x"], "not a number"), ([np.nan], "not a number"), ([1, 2], "got 2")],
@@ -94,12 +85,6 @@ def test_a_declared_coupling_turns_the_motor_with_both_joints() -> None:
     np.testing.assert_array_equal(arm.coupling[6], [0, 0, 0, 0, 0, -0.5, 1])
     assert arm.coupled_motors == (7,)
     assert coupling_entries(arm.coupling) == [WRIST]
-
-
-def test_one_turn_by_default_and_none_without_a_declaration() -> None:
-    arm = load_nominal_arm("kuka_iiwa", sheet={"coupling": [{"motor": 2, "joint": 1}]})
-    assert arm.coupling is not None and arm.coupling[1, 0] == 1.0
-    assert load_nominal_arm("kuka_iiwa").coupled_motors == ()
 
 
 @pytest.mark.parametrize(
@@ -190,12 +175,6 @@ def test_every_part_of_a_recording_carries_it(folder: Path) -> None:
     case = load_case(folder)
     assert [r.payload for r in case.recordings] == [None, LOAD]
     assert [r.payload for r in case.judged] == [None, LOAD, None]
-
-
-@pytest.mark.parametrize("payloads", [None, {}])
-def test_an_empty_section_is_none(payloads: Any, folder: Path) -> None:
-    write(folder, payloads)
-    assert all(r.payload is None for r in load_case(folder).recordings)
 
 
 def test_files_side_by_side_may_be_named_by_any_of_them(folder: Path) -> None:

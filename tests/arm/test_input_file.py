@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gapscope.arm import input_file
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import check_file, file_beside, read_arrays
 from gapscope.arm.io.case_file import read_yaml
-from gapscope.arm.io.formats import array_files, table_files
+from gapscope.arm.io.formats import array_files
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.log import open_log
 from gapscope.arm.nominal import LARGEST, NominalArm
@@ -159,7 +160,7 @@ def test_parquet_and_matlab_files_of_runs_are_refused_before_they_are_unpacked(
     import pyarrow.parquet as pq
     import scipy.io
 
-    monkeypatch.setattr(table_files, "LARGEST_UNPACKED", 500_000)
+    monkeypatch.setattr(input_file, "LARGEST_UNPACKED", 500_000)
     pq.write_table(pa.table({"t": np.zeros(100_000)}), tmp_path / "a.parquet")
     assert (tmp_path / "a.parquet").stat().st_size < 5000
     with pytest.raises(InputError, match="GB unpacked"):

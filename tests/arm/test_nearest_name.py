@@ -2,8 +2,7 @@
 
 import pytest
 
-from gapscope.arm.errors import InputError
-from gapscope.arm.nearest_name import check_known, nearest
+from gapscope.arm.nearest_name import nearest
 
 ROBOTS = ("kuka_iiwa", "franka_panda", "xarm6")
 
@@ -26,12 +25,3 @@ def test_the_nearest_by_spelling_case_or_part(name: str, offered: str) -> None:
 @pytest.mark.parametrize("name", ["", "a", "ur5", "None"])
 def test_nothing_is_offered_where_none_is_near(name: str) -> None:
     assert nearest(name, ROBOTS) == ""
-
-
-def test_the_name_is_offered_as_it_is_written() -> None:
-    with pytest.raises(
-        InputError, match="unknown engine 'MuJoCo'(?s:.)*did you mean 'mujoco'"
-    ) as caught:
-        check_known("engine", "MuJoCo", ("pybullet", "mujoco"), where="engine")
-    assert caught.value.where == "engine"
-    assert check_known("engine", "mujoco", ("pybullet", "mujoco")) == "mujoco"

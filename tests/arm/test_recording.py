@@ -65,11 +65,6 @@ TAU = 20 * Q + 0.1 * RNG.standard_normal(Q.shape)
 SOUND = Recording("a.csv", T, Q, tau=TAU)
 
 
-def test_a_sound_torque_is_measured_throughout() -> None:
-    assert not held_torque(T, Q, TAU).unknown.any()
-    assert held_notes(SOUND) == ()
-
-
 def test_a_limit_that_was_reached() -> None:
     tau = np.column_stack([np.clip(TAU[:, 0], -15, 15), TAU[:, 1]])
     held = held_torque(T, Q, tau)

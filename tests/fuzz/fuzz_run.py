@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import os
 import random
 import resource
@@ -151,22 +152,39 @@ def run(
     """
     folder, seeds = work / "input", work / "seeds"
     seeds.mkdir(parents=True)
-    target.make(seeds)
+    target.fill(seeds)
     (work / OUTSIDE).write_text("t,q1\n0,0\n")
-    content = (seeds / target.file).read_bytes()
-    watch = Watch(folder)
+    content, place = (seeds / target.file).read_bytes(), folder / target.file
+    others = [path.relative_to(seeds) for path in seeds.rglob("*") if path.is_file()]
+    outcome, watch = Outcome(), Watch(folder)
     with quiet():
         shutil.copytree(seeds, folder)
         target.read(folder)  # loads libraries, and shows that the seed is valid
         if bounded:
             limit_memory()
-        outcome = Outcome()
         for number in numbers:
             if progress is not None:
                 # whoever reads the file meanwhile finds a number, whole or with leading zeros
                 with progress.open("r+" if progress.exists() else "w") as file:
                     file.write(f"{number:012d}")
-            _one(target, number, content, folder, seeds, watch, outcome)
+            changed = mutated(target, content, number)
+            with suppress(OSError):
+                place.unlink()
+            if place.is_dir():
+                shutil.rmtree(place)
+            if changed is None:
+                _odd_place(place, number)
+            else:
+                place.write_bytes(changed)
+                with suppress(OSError, ValueError, TypeError, KeyError):
+                    target.finish(folder)
+            judge(target, number, folder, watch, outcome)
+            for other in others:
+                if other != Path(target.file) and not (
+                    (folder / other).is_file()
+                    and filecmp.cmp(seeds / other, folder / other, shallow=False)
+                ):
+                    shutil.copyfile(seeds / other, folder / other)
     return outcome
 
 
@@ -176,34 +194,6 @@ def mutated(target: Target, content: bytes, number: int) -> bytes | None:
     if rng.random() < ODD_PLACES:
         return None
     return target.mutate(content, rng)
-
-
-def _one(
-    target: Target,
-    number: int,
-    content: bytes,
-    folder: Path,
-    seeds: Path,
-    watch: Watch,
-    outcome: Outcome,
-) -> None:
-    changed = mutated(target, content, number)
-    place = folder / target.file
-    with suppress(OSError):
-        place.unlink()
-    if place.is_dir():
-        shutil.rmtree(place)
-    if changed is None:
-        _odd_place(place, number)
-    else:
-        place.write_bytes(changed)
-        with suppress(OSError, ValueError, TypeError, KeyError):
-            target.finish(folder)
-    judge(target, number, folder, watch, outcome)
-    for path in seeds.rglob("*"):
-        other = folder / path.relative_to(seeds)
-        if path.is_file() and other != place and not _same(path, other):
-            shutil.copyfile(path, other)
 
 
 def judge(
@@ -239,13 +229,6 @@ def judge(
     if fault:
         what, where = fault.splitlines()[0], _origin(fault)
         outcome.faults.append({"number": number, "what": what, "where": where})
-
-
-def _same(one: Path, other: Path) -> bool:
-    """Whether a file is as it was."""
-    if not other.is_file() or one.stat().st_size != other.stat().st_size:
-        return False
-    return one.read_bytes() == other.read_bytes()
 
 
 def _odd_place(place: Path, number: int) -> None:

@@ -46,8 +46,8 @@ def still(motion):
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (spiked, "joint 2: q{j} leaves its neighbours"),
-        (clipped, "joint 2: tau{j} stands at"),
+        (spiked, "spikes replaced by the curve through their neighbours: q2 1"),
+        (clipped, "largest or least value: tau2"),
         (gap, "gaps in time: 1"),
         (jitter, "Time stamps (jitter)"),
         (lambda m: {"q3": 0 * m.t + 0.4}, "joint 3 does not move"),

@@ -12,8 +12,7 @@ from gapscope.inspection.inspection import judge_torques
 
 def said_of_torque(found) -> str:
     """All sentences on the columns that were taken for the torque."""
-    label, guess = found.chosen["tau"]
-    return "; ".join(found.torques[label, guess.group.pattern])
+    return "; ".join(found.chosen["tau"][1].facts)
 
 
 def gravity(arm, motion) -> np.ndarray:

@@ -545,3 +545,42 @@ def _stuck(t: np.ndarray, series: np.ndarray) -> np.ndarray:
         # the first of them was measured
         out[starts[place] + 1 : stops[place]] = True
     return out
+
+
+# All of this, in the order in which a reader does it.
+
+
+def put_right(
+    t: np.ndarray,
+    values: dict[str, np.ndarray],
+    per_radian: np.ndarray,
+    *,
+    every_row: bool = False,
+) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...]]:
+    """Time and channels without turns, spikes, torques that are none and rows that are stuck; and notes.
+
+    Args:
+        t: time [s], (N,), that runs on.
+        values: channels by name, (N, n) each.
+        per_radian: what counts as a radian of each joint, (n,).
+        every_row: leave spikes and rows that are stuck as they are.
+    """
+    notes: list[str] = []
+    for step in (without_turns, untrusted_torque):
+        values, found = step(values)
+        notes += found
+    if not every_row:
+        values, found = without_spikes(t, values, per_radian)
+        stuck, said = stuck_rows(t, values["q"])
+        t, values = without_rows(stuck, t, values)
+        notes += found + said
+    return t, values, (*notes, *gap_notes(t))
+
+
+def without_rows(
+    rows: np.ndarray, t: np.ndarray, values: dict[str, np.ndarray]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Time and channels without the rows of a mask, (N,)."""
+    if not rows.any():
+        return t, values
+    return t[~rows], {name: x[~rows] for name, x in values.items()}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import complete_file, read_arrays
 from gapscope.arm.io.atomic_write import atomic_write
 
 
@@ -39,20 +38,10 @@ def read_records(path: Path, types: Iterable[type]) -> Any:
     Raises:
         InputError: the file holds no such records.
     """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = dict(stored)
+    arrays = read_arrays(path, "learn the state again")
+    with complete_file(path, "records"):
         content = json.loads(str(arrays.pop("content")))
         return _unpacked(content, arrays, {made.__name__: made for made in types})
-    except (
-        LookupError,
-        TypeError,
-        ValueError,
-        OSError,
-        EOFError,
-        zipfile.BadZipFile,
-    ) as error:
-        raise InputError(f"holds no records ({error})", file=path) from None
 
 
 def _packed(value: Any, arrays: list[np.ndarray]) -> Any:

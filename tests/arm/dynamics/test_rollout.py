@@ -18,7 +18,7 @@ from gapscope.arm.dynamics.rollout import (
     sensitivity,
     ticks_per_step,
 )
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 
@@ -97,22 +97,6 @@ def test_viscous_friction_decays_exponentially(rod):
     assert out.speed[:, 0] == pytest.approx(np.exp(-3.0 * out.t), abs=2e-3)
 
 
-def test_torque_stays_within_its_limit(rod):
-    out = roll_out(
-        RigidBody(rod),
-        plant_of(rod),
-        pd(1, 200.0, 5.0),
-        hold(0.5, [0.0]),
-        np.array([3.0]),
-    )
-    assert np.abs(out.tau).max() == 3.0
-
-
-def test_wrong_gains_run_away_with_causes(rod):
-    with pytest.raises(GapscopeError, match="(?s)diverged at joint 1.*gains"):
-        roll_out(RigidBody(rod), plant_of(rod), pd(1, -2000.0, 0.0), hold(5.0, [0.1]))
-
-
 @pytest.fixture
 def motion(data_arm):
     t = np.arange(1501) / 1000
@@ -131,22 +115,6 @@ def data_arm():
 
 
 SOFT = {"velocity_cutoff": 80.0}
-
-
-def test_the_order_of_the_joints_is_only_a_matter_of_columns(data_arm, motion):
-    way = np.array([3, 0, 6, 1, 5, 2, 4])
-    other = NominalArm("other", data_arm.urdf, tuple(np.array(data_arm.joints)[way]))
-    rotors, controller = np.arange(1, 8) / 10, pd(7, 500, 50, **SOFT)
-    first = roll_out(
-        RigidBody(data_arm), plant_of(data_arm, rotors, 1.0, 1.0), controller, motion
-    )
-    swapped = Commands(
-        motion.t, motion.q[:, way], motion.dq[:, way], motion.torque[:, way]
-    )
-    second = roll_out(
-        RigidBody(other), plant_of(other, rotors[way], 1.0, 1.0), controller, swapped
-    )
-    assert second.q == pytest.approx(first.q[:, way], abs=1e-10)
 
 
 def test_several_roll_outs_at_once_are_those_one_by_one(data_arm, motion):
@@ -174,7 +142,9 @@ def test_the_roll_out_that_runs_away_is_named_by_its_time(rod):
     still, late = hold(5.0, [0.0]), hold(5.0, [0.0])
     late = Commands(late.t + 100.0, late.q, late.dq, late.torque)
     starts = [(np.zeros(1), np.zeros(1)), (np.zeros(1), np.ones(1))]
-    with pytest.raises(GapscopeError, match=r"diverged at joint 1, at t = 10\d"):
+    with pytest.raises(
+        GapscopeError, match=r"(?s)diverged at joint 1, at t = 10\d.*gains"
+    ):
         roll_outs(
             RigidBody(floating),
             plant_of(floating),
@@ -271,11 +241,6 @@ def test_laws_by_hand(arm: NominalArm) -> None:
         np.testing.assert_allclose(
             feedforward(arm, RigidBody(arm), kind, q, dq, ddq), [[expected]], rtol=1e-12
         )
-
-
-def test_unknown_kind(arm: NominalArm) -> None:
-    with pytest.raises(InputError, match=r"controller\.feedforward"):
-        feedforward(arm, RigidBody(arm), "magic", *np.zeros((3, 1, 1)))
 
 
 # Derivatives of the inverse dynamics against finite differences, for bodies as least squares may return them.

@@ -14,9 +14,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.formats.table_files import read_parquet
 from gapscope.arm.io.import_section import Channel, Import, TimeColumn
 from gapscope.arm.io.load_recording import load_recording
-from gapscope.arm.io.write_case import write_recording
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
 
 N = 50
 Rows = list[list[str]]
@@ -267,19 +265,6 @@ def test_beyond_the_limits_is_a_note(arm: NominalArm, tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("ending", ["npz", "parquet"])
-def test_damaged_binary_files(
-    ending: str, recording: Recording, arm: NominalArm, tmp_path: Path
-) -> None:
-    path = write_recording(recording, tmp_path / f"log.{ending}")
-    path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(
-        InputError, match=f"log.{ending}: cannot be read as (NPZ|Parquet)"
-    ) as caught:
-        load_recording(path, arm)
-    assert caught.value.remedy == "is the file complete?"
-
-
 def test_a_parquet_file_with_any_byte_changed_is_read_or_refused(
     tmp_path: Path,
 ) -> None:
@@ -306,16 +291,6 @@ def test_arrays_of_different_length(arm: NominalArm, tmp_path: Path) -> None:
         InputError, match="its arrays differ in length: t 5, q1 4, q2 4"
     ):
         load_recording(tmp_path / "log.npz", arm)
-
-
-def test_nan_in_a_binary_file_names_the_row(
-    recording: Recording, arm: NominalArm, tmp_path: Path
-) -> None:
-    q = recording.q.copy()
-    q[6, 1] = np.nan
-    np.savez(tmp_path / "log.npz", t=recording.t, q=q)
-    (note, *_) = load_recording(tmp_path / "log.npz", arm).notes
-    assert "row 7, column q2: is not a finite number (nan)" in note
 
 
 def test_no_such_file_and_unknown_format(arm: NominalArm, tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case, write_recording
 from gapscope.arm.recording import CHANNELS, Recording
-from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
 CONTENT: dict[str, Any] = {
     "name": "two",
@@ -175,11 +174,6 @@ def test_no_case_file_at_all(text: str, message: str, tmp_path: Path) -> None:
     assert message in str(caught.value)
 
 
-def test_no_such_case(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
-        load_case(tmp_path / "absent")
-
-
 def test_a_number_without_a_decimal_point(folder: Path) -> None:
     write(folder)
     path = folder / "case.yaml"
@@ -213,14 +207,6 @@ def test_data_root(
     assert len(load_case(path, data_root=folder).recordings) == 1
     monkeypatch.setenv("GAPSCOPE_DATA", str(folder))
     assert len(load_case(path).recordings) == 1
-
-
-@pytest.mark.parametrize("robot", KNOWN_ROBOTS)
-def test_known_robots(robot: str) -> None:
-    pytest.importorskip("pybullet_data", reason="the known robots come with PyBullet")
-    arm = load_nominal_arm(robot)
-    assert arm.n_joints == (6 if robot == "xarm6" else 7)
-    assert not any("finger" in joint for joint in arm.joints)
 
 
 def same(one: Case, other: Case) -> None:

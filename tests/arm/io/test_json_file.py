@@ -33,12 +33,6 @@ def test_numbers_that_are_not_finite_stay_or_become_null() -> None:
     assert json.loads(to_json(values, allow_nan=True))["b"] == float("inf")
 
 
-def test_text_is_indented_by_two_and_not_escaped() -> None:
-    assert to_json({"name": "é", "n": [1]}) == (
-        '{\n  "name": "é",\n  "n": [\n    1\n  ]\n}\n'
-    )
-
-
 def test_a_value_that_cannot_be_written_leaves_the_file_before(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "a.json"
     write_json({"a": 1}, path)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gapscope.arm.io.formats.rosbag import JOINT_STATE
-from gapscope.arm.io.layouts import LEROBOT, joints_in, layout_of
+from gapscope.arm.io.layouts import joints_in, layout_of
 from gapscope.arm.io.table import Table
 
 
@@ -63,12 +63,3 @@ def test_numbers_count_from_the_first_without_a_gap() -> None:
     assert joints_in("q{j}", ["q0", "q2"]) == []
     assert joints_in("x[{joint}]", ["x[a.pos]", "y[b]"]) == ["a.pos"]
     assert joints_in("plain", ["plain"]) == []
-
-
-def test_a_dataset_is_read_by_names_with_or_without_the_ending() -> None:
-    names = ("t", "observation.state[elbow.pos]", "action[elbow.pos]")
-    log = table(*names)
-    layout = layout_of(replace(log, kind=LEROBOT))
-    assert layout is not None
-    place = layout.place("q", log)
-    assert place is not None and place.column == "observation.state[{joint}.pos]"

@@ -14,7 +14,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.table import numbered
 from gapscope.arm.io.write_case import write_columns
-from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import (
     MOTIONS,
     Workspace,
@@ -26,7 +25,6 @@ from gapscope.arm.motions.named_motions import (
 from gapscope.arm.motions.trajectory import (
     Fourier,
     Limits,
-    Sampled,
     backwards,
     chain,
     fastest,
@@ -60,31 +58,12 @@ def test_limits_hold_and_one_is_met(seed: int, frequency: float) -> None:
     np.testing.assert_allclose(np.max(use, axis=0), 1.0, atol=1e-9)
 
 
-def test_derivatives_agree_with_finite_differences() -> None:
-    motion, t, h = _motion(), np.linspace(0.0, 12.0, 997), 1e-6
-    np.testing.assert_allclose(
-        (motion.position(t + h) - motion.position(t - h)) / (2 * h),
-        motion.velocity(t),
-        atol=1e-7,
-    )
-    np.testing.assert_allclose(
-        (motion.velocity(t + h) - motion.velocity(t - h)) / (2 * h),
-        motion.acceleration(t),
-        atol=1e-6,
-    )
-
-
 def test_starts_and_ends_at_rest_in_the_centre() -> None:
     motion = _motion(centre=np.array([0.5, 0.1]))
     for t in (np.array([-1.0, 0.0]), np.array([12.0, 13.0])):
         np.testing.assert_allclose(motion.position(t), [[0.5, 0.1]] * 2, atol=1e-12)
         np.testing.assert_allclose(motion.velocity(t), 0, atol=1e-12)
         np.testing.assert_allclose(motion.acceleration(t), 0, atol=1e-9)
-
-
-def test_same_seed_same_motion() -> None:
-    np.testing.assert_array_equal(_motion(4).sine, _motion(4).sine)
-    assert np.abs(_motion(4).sine - _motion(5).sine).max() > 0
 
 
 def test_bad_requests_are_refused() -> None:
@@ -117,14 +96,6 @@ def test_motion_between_the_samples_is_that_of_the_source(tmp_path: Path) -> Non
     np.testing.assert_allclose(found.velocity(t), source.velocity(t), atol=1e-5)
     np.testing.assert_allclose(found.acceleration(t), source.acceleration(t), atol=1e-2)
     assert found.duration == 4.0
-
-
-def test_it_rests_outside(tmp_path: Path) -> None:
-    ends, t = np.array([0.0, 1.0]), np.array([-1.0, 2])
-    found = Sampled(Motion(ends, ends[:, None], *np.ones((2, 2, 1))))
-    np.testing.assert_array_equal(found.position(t), ends[:, None])
-    moves = found.velocity(t), found.acceleration(t)
-    np.testing.assert_array_equal(moves, np.zeros((2, 2, 1)))
 
 
 def test_bad_files_are_refused(tmp_path: Path) -> None:

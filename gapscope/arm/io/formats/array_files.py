@@ -17,7 +17,12 @@ import numpy as np
 from scipy.constants import giga
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import LARGEST_IN_MEMORY, LARGEST_UNPACKED, check_file
+from gapscope.arm.input_file import (
+    LARGEST_IN_MEMORY,
+    LARGEST_UNPACKED,
+    check_file,
+    complete_file,
+)
 from gapscope.arm.io.table import Log, Table, numbered
 
 LARGEST = LARGEST_UNPACKED // np.dtype(float).itemsize
@@ -81,21 +86,8 @@ def _hdf5_arrays(path: Path, separator: str) -> tuple[dict[str, np.ndarray], lis
         else:
             unread.append(f"{label} {item.shape}")
 
-    try:
-        with h5py.File(path, "r") as content:
-            content.visititems(collect)
-    # a name in no encoding that is known is a TypeError
-    except (
-        OSError,
-        RuntimeError,
-        ValueError,
-        TypeError,
-        KeyError,
-        MemoryError,
-    ) as error:
-        raise InputError(
-            f"cannot be read as HDF5 ({error})", "is the file complete?", file=path
-        ) from None
+    with complete_file(path, "HDF5"), h5py.File(path, "r") as content:
+        content.visititems(collect)
     return arrays, unread
 
 

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import check_folder_files, is_file
-from gapscope.arm.io.formats.table_files import check_unpacked
+from gapscope.arm.input_file import (
+    check_folder_files,
+    check_unpacked,
+    complete_file,
+    is_file,
+)
+from gapscope.arm.io.formats.table_files import parquet_size
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.layouts import LEROBOT
 from gapscope.arm.io.table import Log, Table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 INFO = Path("meta") / "info.json"
 """The file that describes a dataset."""
@@ -39,10 +47,8 @@ def dataset_episodes(path: Path) -> list[int]:
     Raises:
         InputError: the dataset is damaged.
     """
-    numbers: set[int] = set()
-    for file in _data_files(path):
-        numbers.update(_read(file, [_EPISODE], None).column(_EPISODE).to_pylist())
-    return sorted(numbers)
+    frames = _frames(path, [_EPISODE])
+    return sorted(map(int, frames[_EPISODE].unique()))
 
 
 def episode_name(number: int) -> str:
@@ -65,24 +71,18 @@ def read_dataset(path: Path, episodes: Iterable[int] | None = None) -> Log:
     info = _info(path)
     features = info["features"]
     names = {key: _names(feature) for key, feature in features.items()}
-    wanted = sorted(set(dataset_episodes(path) if episodes is None else episodes))
-    frames: dict[int, list[Any]] = {number: [] for number in wanted}
-    for file in _data_files(path, wanted):
-        content = _read(file, None, wanted)
-        places = np.asarray(content.column(_EPISODE))
-        for number in np.unique(places):
-            own = np.flatnonzero(places == number)
-            frames[int(number)].append(content.slice(own[0], len(own)))
+    wanted = None if episodes is None else sorted(set(episodes))
+    found = dict(iter(_frames(path, None, wanted).groupby(_EPISODE)))
     tables = []
-    for number, parts in frames.items():
-        if not parts:
+    for number in wanted or sorted(found):
+        if number not in found:
             there = ", ".join(map(str, dataset_episodes(path)))
             raise InputError(
                 f"has no episode {number}; it has {there}",
                 "correct episodes: in the import section",
                 file=path,
             )
-        columns = _columns(path, parts, names, float(info["fps"]))
+        columns = _columns(path, found[number], names, float(info["fps"]))
         rows = range(1, len(columns["t"]) + 1)
         name = episode_name(number)
         tables.append(Table(path, columns, rows, "frame", name=name, kind=LEROBOT))
@@ -121,79 +121,59 @@ def _names(feature: Mapping[str, Any]) -> list[str]:
     return [str(name) for name in names] if isinstance(names, list) else []
 
 
-def _data_files(path: Path, episodes: Sequence[int] | None = None) -> list[Path]:
-    """Files of frames; those of version 2 hold one episode each and say so in their names."""
+def _frames(
+    path: Path, columns: list[str] | None, episodes: Sequence[int] | None = None
+) -> pd.DataFrame:
+    """Frames of some episodes, all by default; files of version 2 hold one episode each and say so in their names."""
+    import pandas as pd
+    import pyarrow.parquet as pq
+
     files = dataset_files(path)[1:]
     if not files:
         raise InputError(
             "has no data/*/*.parquet", "is the dataset complete?", file=path
         )
     check_folder_files(files)
-    if episodes is None:
-        return files
-    own = {f"episode_{number:06d}" for number in episodes}
-    return [
-        file
-        for file in files
-        if not file.stem.startswith("episode_") or file.stem in own
-    ]
-
-
-def _read(file: Path, columns: list[str] | None, episodes: Sequence[int] | None) -> Any:
-    """Frames of some episodes from one file."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    own = {f"episode_{number:06d}" for number in episodes or ()}
     chosen = None if episodes is None else [(_EPISODE, "in", list(episodes))]
-    try:
-        check_unpacked(pq.read_metadata(file), file)
-        return pq.read_table(file, columns=columns, filters=chosen)
-    # a name of a column that is no text is a ValueError
-    except (pa.ArrowException, OSError, KeyError, ValueError, MemoryError) as error:
-        raise InputError(
-            f"cannot be read as frames of a LeRobot dataset ({error})",
-            "is the file complete? Git LFS leaves pointers in place of files that were not fetched",
-            file=file,
-        ) from None
+    remedy = "is the file complete? Git LFS leaves pointers in place of files that were not fetched"
+    parts = []
+    for file in files:
+        named = file.stem.startswith("episode_")
+        if episodes is not None and named and file.stem not in own:
+            continue
+        with complete_file(file, "frames of a LeRobot dataset", remedy):
+            check_unpacked(parquet_size(pq.read_metadata(file)), file)
+            found = pq.read_table(file, columns=columns, filters=chosen)
+            parts.append(found.to_pandas())
+    return pd.concat(parts) if parts else pd.DataFrame({_EPISODE: []})
 
 
 def _columns(
-    path: Path, parts: Sequence[Any], names: Mapping[str, list[str]], fps: float
+    path: Path, frames: pd.DataFrame, names: Mapping[str, list[str]], fps: float
 ) -> dict[str, np.ndarray]:
-    """Columns of one episode from its frames."""
-    import pyarrow as pa
-
-    content = pa.concat_tables(parts)
-    columns: dict[str, np.ndarray] = {}
-    if _TIME in content.column_names:
-        columns["t"] = np.asarray(content.column(_TIME), dtype=float)
-    else:
-        columns["t"] = np.asarray(content.column(_FRAME), dtype=float) / fps
-    for key in content.column_names:
-        column = content.column(key)
-        if pa.types.is_floating(column.type) and key != _TIME:
-            columns[key] = np.asarray(column, dtype=float)
-        elif pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type):
-            columns |= _of_lists(path, key, column, names.get(key, []))
+    """Columns of one episode from its frames; one for each entry of the lists in a column, if they hold numbers."""
+    timed = _TIME in frames
+    t = frames[_TIME] if timed else frames[_FRAME] / fps
+    columns = {"t": np.asarray(t, dtype=float)}
+    for key, column in frames.items():
+        if column.dtype.kind == "f" and key != _TIME:
+            columns[str(key)] = np.asarray(column, dtype=float)
+        if column.dtype.kind != "O":
+            continue
+        try:
+            values = np.array(column.to_list(), dtype=float)
+        except (ValueError, TypeError):
+            continue
+        if values.ndim != 2:
+            continue
+        count, labels = values.shape[1], names.get(str(key), [])
+        if labels and len(labels) != count:
+            raise InputError(
+                f"names {len(labels)} entries of {key}, the frames hold {count}",
+                "repair meta/info.json",
+                file=path / INFO,
+            )
+        labels = labels or [str(place) for place in range(count)]
+        columns |= {f"{key}[{label}]": values[:, i] for i, label in enumerate(labels)}
     return columns
-
-
-def _of_lists(
-    path: Path, key: str, column: Any, names: Sequence[str]
-) -> dict[str, np.ndarray]:
-    """A column for each entry of the lists in a column; none if they hold no numbers."""
-    try:
-        values = np.array(column.to_pylist(), dtype=float)
-    except (ValueError, TypeError):
-        return {}
-    if values.ndim != 2:
-        return {}
-    count = values.shape[1]
-    if names and len(names) != count:
-        raise InputError(
-            f"names {len(names)} entries of {key}, the frames hold {count}",
-            "repair meta/info.json",
-            file=path / INFO,
-        )
-    labels = names or [str(place) for place in range(count)]
-    return {f"{key}[{label}]": values[:, i] for i, label in enumerate(labels)}

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import check_folder_files, is_file, is_folder
+from gapscope.arm.input_file import (
+    check_folder_files,
+    complete_file,
+    is_file,
+    is_folder,
+)
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.table import Log, Table
 
@@ -34,24 +38,22 @@ _DEPRECATED = ("desired", "actual")
 
 
 def _control_state(
-    points: tuple[str, ...], multi_dof: tuple[str, ...], speed_scaling: bool
+    points: tuple[str, ...], multi_dof: bool = True, speed_scaling: bool = False
 ) -> str:
     """Text of one version of the controller state."""
     lines = ["std_msgs/Header header", "string[] joint_names"]
     lines += [f"{_POINT} {name}" for name in points]
     if multi_dof:
         lines.append("string[] multi_dof_joint_names")
-    lines += [f"{_MULTI_DOF_POINT} multi_dof_{name}" for name in multi_dof]
-    if speed_scaling:
-        lines.append("float64 speed_scaling_factor")
-    return "\n".join(lines)
+        lines += [f"{_MULTI_DOF_POINT} multi_dof_{name}" for name in points]
+    return "\n".join([*lines, *["float64 speed_scaling_factor"] * speed_scaling])
 
 
 CONTROLLER_STATES = {
-    "Jazzy": _control_state(_NEW, _NEW, True),
-    "Iron": _control_state(_NEW, _NEW, False),
-    "Humble": _control_state(_NEW + _DEPRECATED, _NEW + _DEPRECATED, False),
-    "Foxy": _control_state((*_DEPRECATED, "error"), (), False),
+    "Jazzy": _control_state(_NEW, speed_scaling=True),
+    "Iron": _control_state(_NEW),
+    "Humble": _control_state(_NEW + _DEPRECATED),
+    "Foxy": _control_state((*_DEPRECATED, "error"), multi_dof=False),
 }
 """Text of the controller state by the first ROS 2 release with it."""
 
@@ -84,27 +86,28 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 """The message type that commands a joint trajectory controller."""
 
-_POINTS = ("reference", "feedback", "error", "output", "desired", "actual")
+SAMPLED = (JOINT_STATE, CONTROLLER_STATE, DYNAMIC_JOINT_STATE, JOINT_TRAJECTORY)
+"""Message types that are read."""
+
 _POINT_FIELDS = ("positions", "velocities", "accelerations", "effort")
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """One sample of a topic.
 
     Attributes:
         stamp: time of its header [ns]; 0 if the sender has not set it.
         logged: time of logging [ns].
+        joints: that it is about.
         columns: names of the values.
         values: (m,).
-        joints: that it is about.
     """
 
     stamp: int
     logged: int
+    joints: tuple[str, ...]
     columns: tuple[str, ...]
     values: np.ndarray
-    joints: tuple[str, ...]
 
 
 def nanoseconds(time: Any) -> int:
@@ -118,69 +121,51 @@ def _labels(fields: tuple[str, ...], joints: tuple[str, ...]) -> tuple[str, ...]
     return tuple(f"{field}[{joint}]" for field in fields for joint in joints)
 
 
-def _sample(
-    message: Any,
-    logged: int,
-    joints: tuple[str, ...],
-    fields: dict[str, np.ndarray],
-) -> Sample:
-    """A sample of the fields that have a value for each joint; the others were left empty by the sender."""
-    full = {name: x for name, x in fields.items() if len(x) == len(joints)}
-    columns = _labels(tuple(full), joints)
-    values = np.concatenate([*full.values(), []])
-    return Sample(nanoseconds(message.header.stamp), logged, columns, values, joints)
+def samples_of(kind: str, message: Any, logged: int) -> Iterator[Sample]:
+    """Samples of a message of one of the types ``SAMPLED``, which was logged at a time [ns].
 
-
-def _joint_state(message: Any, logged: int) -> Iterator[Sample]:
-    names = ("position", "velocity", "effort")
-    fields = {name: getattr(message, name) for name in names}
-    yield _sample(message, logged, tuple(message.name), fields)
-
-
-def _controller_state(message: Any, logged: int) -> Iterator[Sample]:
-    fields = {
-        f"{point}.{name}": getattr(getattr(message, point), name)
-        for point in _POINTS
-        if hasattr(message, point)
-        for name in _POINT_FIELDS
-    }
-    sample = _sample(message, logged, tuple(message.joint_names), fields)
-    if hasattr(message, "speed_scaling_factor"):
-        columns = (*sample.columns, "speed_scaling_factor")
-        values = np.append(sample.values, message.speed_scaling_factor)
-        sample = replace(sample, columns=columns, values=values)
-    yield sample
-
-
-def _dynamic_joint_state(message: Any, logged: int) -> Iterator[Sample]:
-    columns: list[str] = []
-    values: list[float] = []
-    joints = tuple(message.joint_names)
-    for joint, interfaces in zip(joints, message.interface_values, strict=False):
-        columns += [f"{name}[{joint}]" for name in interfaces.interface_names]
-        values += list(interfaces.values)
+    Points of a trajectory have the times for which they are meant; a stamp of 0 means from now on.
+    """
     stamp = nanoseconds(message.header.stamp)
-    if len(columns) == len(values):
-        yield Sample(stamp, logged, tuple(columns), np.array(values), joints)
+    joints = tuple(message.name if kind == JOINT_STATE else message.joint_names)
 
+    def sample(fields: Mapping[str, np.ndarray], stamp: int = stamp) -> Sample:
+        """Of the fields that have a value for each joint; the others were left empty by the sender."""
+        full = {name: x for name, x in fields.items() if len(x) == len(joints)}
+        values = np.concatenate([*full.values(), []])
+        return Sample(stamp, logged, joints, _labels(tuple(full), joints), values)
 
-def _joint_trajectory(message: Any, logged: int) -> Iterator[Sample]:
-    """The points of a trajectory, at the times for which they are meant; a stamp of 0 means from now on."""
-    start = nanoseconds(message.header.stamp) or logged
-    joints = tuple(message.joint_names)
-    for point in message.points:
-        fields = {name: getattr(point, name) for name in _POINT_FIELDS}
-        due = start + nanoseconds(point.time_from_start)
-        yield replace(_sample(message, logged, joints, fields), stamp=due)
-
-
-SAMPLES: dict[str, Callable[[Any, int], Iterator[Sample]]] = {
-    JOINT_STATE: _joint_state,
-    CONTROLLER_STATE: _controller_state,
-    DYNAMIC_JOINT_STATE: _dynamic_joint_state,
-    JOINT_TRAJECTORY: _joint_trajectory,
-}
-"""Samples of a message and its time of logging [ns], by the type of the message."""
+    if kind == JOINT_STATE:
+        names = ("position", "velocity", "effort")
+        yield sample({name: getattr(message, name) for name in names})
+    elif kind == DYNAMIC_JOINT_STATE:
+        pairs = [
+            (f"{name}[{joint}]", value)
+            for joint, own in zip(joints, message.interface_values, strict=False)
+            for name, value in zip(own.interface_names, own.values, strict=False)
+        ]
+        columns = tuple(name for name, _ in pairs)
+        values = np.array([value for _, value in pairs])
+        yield Sample(stamp, logged, joints, columns, values)
+    elif kind == JOINT_TRAJECTORY:
+        for point in message.points:
+            due = (stamp or logged) + nanoseconds(point.time_from_start)
+            yield sample({name: getattr(point, name) for name in _POINT_FIELDS}, due)
+    else:
+        found = sample(
+            {
+                f"{point}.{name}": getattr(getattr(message, point), name)
+                for point in (*_NEW, *_DEPRECATED)
+                if hasattr(message, point)
+                for name in _POINT_FIELDS
+            }
+        )
+        if hasattr(message, "speed_scaling_factor"):
+            found = found._replace(
+                columns=(*found.columns, "speed_scaling_factor"),
+                values=np.append(found.values, message.speed_scaling_factor),
+            )
+        yield found
 
 
 # Tables from the samples of a bag's topics, on one time.
@@ -215,15 +200,29 @@ def tables_of_samples(
         for sample in samples:
             groups[frozenset(sample.joints)].append(sample)
         for group in groups.values():
-            table = _table_of(path, group, start, lead)
-            tables.append(replace(table, name=topic, kind=kind))
+            stamps = [(s.stamp or s.logged - lead) - start for s in group]
+            columns, dropped = _columns(group)
+            columns = {"t": np.array(stamps, dtype=np.int64) * 1e-9, **columns}
+            notes = [] if all(sample.stamp for sample in group) else [LOGGING_TIME]
+            if dropped:
+                left_out = ", ".join(sorted(dropped))
+                notes.append(f"left out, as some messages lack them: {left_out}")
+            tables.append(
+                Table(
+                    path,
+                    columns,
+                    range(1, len(group) + 1),
+                    "message",
+                    notes=tuple(notes),
+                    name=topic,
+                    kind=kind,
+                )
+            )
     return tuple(tables)
 
 
-def _table_of(path: Path, samples: Sequence[Sample], start: int, lead: int) -> Table:
-    """Samples about the same joints, with the columns that all of them have."""
-    stamps = np.array([s.stamp or s.logged - lead for s in samples], dtype=np.int64)
-    columns: dict[str, np.ndarray] = {"t": (stamps - start) * 1e-9}
+def _columns(samples: Sequence[Sample]) -> tuple[dict[str, np.ndarray], set[str]]:
+    """The columns that all samples have, (N,) each, and the names of others."""
     variants = {sample.columns for sample in samples}
     # in the order of the first; a joint named twice counts once
     kept = [
@@ -231,17 +230,8 @@ def _table_of(path: Path, samples: Sequence[Sample], start: int, lead: int) -> T
     ]
     places = {names: [names.index(name) for name in kept] for names in variants}
     values = np.array([sample.values[places[sample.columns]] for sample in samples])
-    columns |= {name: values[:, place] for place, name in enumerate(kept)}
-    notes = []
-    if not all(sample.stamp for sample in samples):
-        notes.append(LOGGING_TIME)
-    dropped = set[str]().union(*variants) - set(kept)
-    if dropped:
-        notes.append(
-            f"left out, as some messages lack them: {', '.join(sorted(dropped))}"
-        )
-    rows = range(1, len(samples) + 1)
-    return Table(path, columns, rows, "message", notes=tuple(notes))
+    columns = {name: values[:, place] for place, name in enumerate(kept)}
+    return columns, set[str]().union(*variants) - set(kept)
 
 
 def followed_trajectories(points: Sequence[Sample]) -> list[Sample]:
@@ -280,30 +270,39 @@ def read_bag(path: Path) -> Log:
     if is_file(path / METADATA):
         # the library's own reader of YAML writes out aliases of aliases
         read_yaml(path / METADATA, "is the bag complete?")
-    messages, typestore, others = _content(path)
+    messages, typestore, unread = _content(path)
     samples: dict[tuple[str, str], list[Sample]] = defaultdict(list)
+    stores: dict[str, Any] = {}
     description = None
-    first: dict[str, bytes] = {}
-    for _, kind, _, raw in messages:
-        first.setdefault(kind, raw)
-    stores, unknown = _fitting_stores(path, first, typestore)
     for topic, kind, logged, raw in messages:
-        if kind in unknown:
+        if kind not in stores:
+            stores[kind] = _fitting_store(path, kind, raw, typestore)
+        if isinstance(stores[kind], InputError):
             continue
         message = _decoded(path, kind, raw, stores[kind])
         if kind == TEXT:
             description = message.data
-        else:
-            samples[topic, kind] += _samples(path, kind, message, logged)
+            continue
+        try:
+            samples[topic, kind] += samples_of(kind, message, logged)
+        except (AttributeError, TypeError) as error:
+            raise InputError(
+                f"a message of type {kind} has other fields than that type ({error})",
+                "are the message definitions in the bag those of ROS?",
+                file=path,
+            ) from None
     for (topic, kind), found in samples.items():
         if kind == JOINT_TRAJECTORY:
             samples[topic, kind] = followed_trajectories(found)
     tables = tables_of_samples(path, samples)
-    if unknown and not tables:
-        raise next(iter(unknown.values()))
-    unread = (*others, *(f"{kind}: of unknown form" for kind in unknown))
-    storage = "MCAP" if _is_mcap(path) else "SQLite"
-    return Log(path, f"ROS 2 bag ({storage})", tables, description, unread=unread)
+    for kind, store in stores.items():
+        if isinstance(store, InputError):
+            if not tables:
+                raise store
+            unread.append(f"{kind}: of unknown form")
+    mcap = any(file.suffix.lower() == ".mcap" for file in bag_files(path))
+    form = f"ROS 2 bag ({'MCAP' if mcap else 'SQLite'})"
+    return Log(path, form, tables, description, unread=tuple(unread))
 
 
 def _content(path: Path) -> tuple[list[tuple[str, str, int, bytes]], Any, list[str]]:
@@ -317,34 +316,29 @@ def _content(path: Path) -> tuple[list[tuple[str, str, int, bytes]], Any, list[s
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    try:
+    remedy = "is the file complete? try ros2 bag info on it"
+    with complete_file(path, "a ROS 2 bag", remedy):
         store = get_typestore(Stores.ROS2_HUMBLE)
         with AnyReader([path], default_typestore=store) as reader:
             wanted = [
                 c
                 for c in reader.connections
-                if c.msgtype in SAMPLES or _describes_robot(c)
+                if c.msgtype in SAMPLED
+                or (c.msgtype, c.topic.rsplit("/", 1)[-1])
+                == (TEXT, "robot_description")
             ]
+            messages = []
             # an empty choice of connections would mean all of them
-            found = reader.messages(wanted) if wanted else ()
-            messages = [_message(c, logged, raw) for c, logged, raw in found]
+            for c, logged, raw in reader.messages(wanted) if wanted else ():
+                # SQLite may hold anything in any column
+                if not (
+                    isinstance(logged, int) and isinstance(raw, (bytes, memoryview))
+                ):
+                    raise ValueError("a message is not of bytes, or its time no number")
+                messages.append((c.topic, c.msgtype, logged, bytes(raw)))
             others = [c for c in reader.connections if c not in wanted]
             unread = dict.fromkeys(f"{c.topic} ({c.msgtype})" for c in others)
             return messages, reader.typestore, list(unread)
-    # the library passes on whatever SQLite, MCAP and decompressors raise on damaged files
-    except Exception as error:
-        raise InputError(
-            f"cannot be read as a ROS 2 bag ({error})",
-            "is the file complete? try ros2 bag info on it",
-            file=path,
-        ) from error
-
-
-def _message(connection: Any, logged: Any, raw: Any) -> tuple[str, str, int, bytes]:
-    """Topic, type, time of logging [ns] and bytes of a message; SQLite may hold anything in any column."""
-    if not isinstance(logged, int) or not isinstance(raw, (bytes, memoryview)):
-        raise ValueError("a message is not of bytes, or its time no whole number")
-    return connection.topic, connection.msgtype, logged, bytes(raw)
 
 
 def bag_files(path: Path) -> list[Path]:
@@ -354,49 +348,16 @@ def bag_files(path: Path) -> list[Path]:
     return sorted(file for file in path.iterdir() if not is_folder(file))
 
 
-def _describes_robot(connection: Any) -> bool:
-    topic = connection.topic.rsplit("/", 1)[-1]
-    return connection.msgtype == TEXT and topic == "robot_description"
-
-
-def _is_mcap(path: Path) -> bool:
-    return any(file.suffix.lower() == ".mcap" for file in bag_files(path))
-
-
-def _fitting_stores(
-    path: Path, first: Mapping[str, bytes], typestore: Any
-) -> tuple[dict[str, Any], dict[str, InputError]]:
-    """For each type of messages the definitions by which its first message can be decoded, or why there are none."""
-    stores: dict[str, Any] = {}
-    unknown: dict[str, InputError] = {}
-    for kind, raw in first.items():
-        in_bag = kind in typestore.fielddefs
-        for store in [typestore] if in_bag else known_typestores():
-            try:
-                _decoded(path, kind, raw, store)
-            except InputError as error:
-                unknown[kind] = error
-            else:
-                stores[kind] = store
-                unknown.pop(kind, None)
-                break
-    return stores, unknown
-
-
-def _samples(path: Path, kind: str, message: Any, logged: int) -> list[Sample]:
-    """Samples of a message.
-
-    Raises:
-        InputError: the definition in the bag gives the type other fields than ROS does.
-    """
-    try:
-        return list(SAMPLES[kind](message, logged))
-    except (AttributeError, TypeError) as error:
-        raise InputError(
-            f"a message of type {kind} has other fields than that type ({error})",
-            "are the message definitions in the bag those of ROS?",
-            file=path,
-        ) from None
+def _fitting_store(path: Path, kind: str, raw: bytes, typestore: Any) -> Any:
+    """Definitions by which a first message of a type can be decoded, or the error that says why there are none."""
+    error: InputError | None = None
+    for store in [typestore] if kind in typestore.fielddefs else known_typestores():
+        try:
+            _decoded(path, kind, raw, store)
+            return store
+        except InputError as found:
+            error = found
+    return error
 
 
 def _decoded(path: Path, kind: str, raw: bytes, store: Any) -> Any:

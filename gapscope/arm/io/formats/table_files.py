@@ -11,7 +11,12 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import LARGEST_UNPACKED, PIECE, read_arrays
+from gapscope.arm.input_file import (
+    PIECE,
+    check_unpacked,
+    complete_file,
+    read_arrays,
+)
 from gapscope.arm.io.table import Table, is_number, numbered
 
 # Tables from CSV, Parquet and NPZ files.
@@ -202,56 +207,32 @@ def read_parquet(path: Path) -> Table:
     Raises:
         InputError: the file is damaged, or has no rows.
     """
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
-        with pq.ParquetFile(path) as file:
-            check_unpacked(file.metadata, path)
-            # one column at a time: never two copies of the file
-            columns = {
-                name: file.read([name]).column(name).to_numpy()
-                for name in file.schema_arrow.names
-            }
-    except (
-        pa.ArrowException,
-        OSError,
-        ValueError,
-        LookupError,
-        MemoryError,
-    ) as error:
-        raise InputError(
-            f"cannot be read as Parquet ({error})", "is the file complete?", file=path
-        ) from None
-    count = len(next(iter(columns.values()), ()))
-    # each column is read alone, so that a damaged page may leave one shorter
-    short = [name for name, column in columns.items() if len(column) != count]
-    if short:
-        raise InputError(
-            f"cannot be read as Parquet (column {short[0]!r} has {len(columns[short[0]])} rows, the first {count})",
-            "is the file complete?",
-            file=path,
-        )
+    with complete_file(path, "Parquet"), pq.ParquetFile(path) as file:
+        check_unpacked(parquet_size(file.metadata), path)
+        # one column at a time: never two copies of the file
+        columns = {
+            name: file.read([name]).column(name).to_numpy()
+            for name in file.schema_arrow.names
+        }
+        count = len(next(iter(columns.values()), ()))
+        # each column is read alone, so that a damaged page may leave one shorter
+        for name, column in columns.items():
+            if len(column) != count:
+                raise ValueError(
+                    f"column {name!r} has {len(column)} rows, the first {count}"
+                )
     if not count:
         raise InputError("has no rows", "give a file with samples", file=path)
     return Table(path, columns, range(1, count + 1))
 
 
-def check_unpacked(metadata: Any, path: Path) -> None:
-    """Check that a Parquet file is not beyond ``LARGEST_UNPACKED``: a run of one value takes no place in it.
-
-    Raises:
-        InputError: it is.
-    """
+def parquet_size(metadata: Any) -> float:
+    """Size of a Parquet file once unpacked, by what it states [bytes]."""
     groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
     stated = sum(group.total_byte_size for group in groups)
-    size = max(stated, 8 * metadata.num_rows * metadata.num_columns)
-    if size > LARGEST_UNPACKED:
-        raise InputError(
-            f"holds {size / 1e9:.1f} GB unpacked, at most {LARGEST_UNPACKED / 1e9:g} GB are read",
-            "cut the motion to be examined out of it",
-            file=path,
-        )
+    return max(stated, 8 * metadata.num_rows * metadata.num_columns)
 
 
 def read_npz(path: Path) -> Table:
