@@ -46,12 +46,6 @@ def test_bisection_without_a_limit_or_without_anything_stable() -> None:
     assert largest_factor(lambda factor: factor < 1.5 * LOWEST) >= LOWEST
 
 
-def test_gains_too_small_to_hold_the_arm_are_no_upper_limit() -> None:
-    """From 1 on downward nothing is stable; the range that is lies above."""
-    found = largest_factor(lambda factor: 3.0 < factor < 11.0)
-    assert 11.0 / (1 + RESOLUTION) <= found < 11.0
-
-
 @pytest.mark.parametrize("delay", [0.01, 0.03])
 def test_margin_of_a_joint_with_a_delay(floating: NominalArm, delay: float) -> None:
     """L(s) = (w^2 + 2 zeta w s) exp(-s T) / s^2 has |L| = 1 at W = w sqrt(2 zeta^2 + sqrt(4 zeta^4 + 1)).

@@ -14,7 +14,6 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.identification import (
     Identification,
-    IdentificationSettings,
     identify,
 )
 from gapscope.ident.identification_json import check, document, plain
@@ -140,12 +139,6 @@ def test_what_it_cannot_follow_is_refused(world) -> None:
     coupled = replace(world.arm, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 1, 1]]))
     with pytest.raises(InputError, match="several joints"):
         follow_states(coupled, recording, {}, np.ones(3))
-
-
-def test_an_unknown_filter_is_named(world, tmp_path) -> None:
-    case = Case("c", tmp_path, world.arm, (world.recorded(1, duration=2.5),))
-    with pytest.raises(InputError, match="unknown filter 'magic'"):
-        identify(case, IdentificationSettings(filter="magic"))
 
 
 # A load picked up in the middle of a recording is told by ``identify``, and none is where there was none.
