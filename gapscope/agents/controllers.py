@@ -11,7 +11,7 @@ from gapscope.arm.control import Targets
 from gapscope.arm.motions.motion import Motion
 from gapscope.envs.actions import DAMPING, Gains, scaled
 from gapscope.envs.arguments import check_values
-from gapscope.envs.episode import Layout
+from gapscope.envs.environment import Layout
 
 
 @dataclass(frozen=True)

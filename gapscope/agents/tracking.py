@@ -18,10 +18,9 @@ from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.envs.actions import rated_torque, torque_limit
-from gapscope.envs.divergence import diverged
 from gapscope.envs.position_controller import VELOCITY_CUTOFF, VELOCITY_DAMPING
 from gapscope.envs.reward import Reward
-from gapscope.envs.simulated_arm import SimulatedArm, closed_loop
+from gapscope.envs.simulated_arm import SimulatedArm, closed_loop, diverged
 from gapscope.model.conditioning import torque_scale
 
 SETTLE = 0.5

@@ -13,8 +13,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import Control, control
-from gapscope.envs.environment import ArmTracking
-from gapscope.envs.episode import LOOK_AHEAD
+from gapscope.envs.environment import LOOK_AHEAD, ArmTracking
 from gapscope.envs.simulated_arm import SimulatedArm
 
 BANDWIDTH, REACH = 2.0, 0.05

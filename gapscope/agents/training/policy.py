@@ -30,7 +30,7 @@ from gapscope.arm.io.json_file import field, read_json, schema_fault, write_json
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import control
-from gapscope.envs.episode import LOOK_AHEAD, SUB_STEPS, TIME_STEP
+from gapscope.envs.environment import LOOK_AHEAD, SUB_STEPS, TIME_STEP
 from gapscope.provenance import library_versions, sha256
 
 POLICY, DOCUMENT = "policy.zip", "agent.json"

@@ -118,7 +118,7 @@ def test_energy_only_falls(
         for _ in range(round(0.5 / dt)):
             twist = simulated.motor_q - simulated.q
             wound = np.maximum(np.abs(twist) - 0.005, 0.0)
-            speed = simulated._arms.inside.motors.velocity
+            speed = simulated._arms.simulators[0].motors.velocity
             energies.append(
                 float(
                     (
