@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.json_file import plain, schema_fault, write_json
+from gapscope.arm.io.json_file import plain
 from gapscope.ident.residual.fit import LearntResidual, Trajectory
 from gapscope.model.conditioning import TORQUE_CUTOFF, low_pass
 
@@ -135,18 +133,3 @@ def _recordings(trajectories: Sequence[Trajectory]) -> list[dict[str, Any]]:
         {"recording": x.name, "seconds": x.motion.t[-1] - x.motion.t[0]}
         for x in trajectories
     ]
-
-
-def write_document(content: Mapping[str, Any], path: Path | str) -> None:
-    """Check a document against ``residual.schema.json`` and write it.
-
-    Raises:
-        GapscopeError: a field is missing or has a wrong value, or the file cannot be written.
-    """
-    error = schema_fault(content, "residual")
-    if error is not None:
-        raise GapscopeError(
-            f"residual.json, {error.json_path}: {error.message}",
-            "gapscope/schemas/residual.schema.json describes the format",
-        )
-    write_json(content, path)
