@@ -21,8 +21,7 @@ from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.identification import Identification
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, Track
-from gapscope.ident.model.friction import PULLS
-from gapscope.ident.samples import MOVING
+from gapscope.ident.samples import MOVING, PULLS
 from gapscope.model.changes import change_findings
 
 # The document of an identification, with what was examined and filtered.

@@ -14,8 +14,7 @@ from gapscope.arm.io.json_file import write_document
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.effects.residual import write_residual
-from gapscope.ident.residual.document import document
-from gapscope.ident.residual.fit import LearntResidual
+from gapscope.ident.residual.fit import LearntResidual, document
 from gapscope.reports.pages import (
     COLOURS,
     PageSection,

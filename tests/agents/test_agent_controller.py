@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.agents.controllers import AgentController
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
 from gapscope.agents.models import AgentModel, Gravity
-from gapscope.agents.tracking import Measures, SampledReference, track
+from gapscope.agents.tracking import AgentController, Measures, SampledReference, track
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.nominal import NominalArm

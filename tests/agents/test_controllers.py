@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.agents.controllers import (
+from gapscope.agents.models import ArmModel, Gravity
+from gapscope.agents.tracking import (
     ComputedTorque,
     Feedforward,
+    SampledReference,
     Tuning,
+    track,
 )
-from gapscope.agents.models import ArmModel, Gravity
-from gapscope.agents.tracking import SampledReference, track
 from gapscope.arm.control import Targets
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError

@@ -5,8 +5,8 @@ from cases import limits, motion_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gapscope.agents.controllers import Feedforward, Tuning
 from gapscope.agents.models import ArmModel
+from gapscope.agents.tracking import Feedforward, Tuning
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.nominal import NominalArm

@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.agents.controllers import Feedforward, Tuning
 from gapscope.agents.evaluation import LAWS, EvaluationPlan, TrackingBench
 from gapscope.agents.models import ArmModel, Gravity
 from gapscope.agents.tracking import (
     HIGHEST,
     LOWEST,
     RESOLUTION,
+    Feedforward,
     Measures,
     SampledReference,
+    Tuning,
     largest_factor,
     settles,
     track,

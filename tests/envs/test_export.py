@@ -24,7 +24,7 @@ from gapscope.effects.parameter import Parameter
 from gapscope.effects.severity import draw
 from gapscope.envs.engines import installed
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.texts import FORMATS, HELD, holds
+from gapscope.envs.export.plain_arm import FORMATS, HELD, holds
 
 BODIES = (
     AppliedEffect("payload", (), {"mass": 1.3, "com": [0.02, -0.01, 0.05]}),

@@ -18,7 +18,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.friction import friction_direction
 from gapscope.effects.severity import draw
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.texts import HELD, holds
+from gapscope.envs.export.plain_arm import HELD, holds
 from gapscope.envs.simulated_arm import SimulatedArm
 
 mujoco = pytest.importorskip("mujoco")

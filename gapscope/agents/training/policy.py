@@ -13,9 +13,13 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from gapscope.agents.models import AgentModel
-from gapscope.agents.training.learner import make_learner, read_weights
 from gapscope.agents.training.task import LARGEST, Normalisation, Task
-from gapscope.agents.training.training_loop import NORMALISATION, Trained
+from gapscope.agents.training.training_loop import (
+    NORMALISATION,
+    Trained,
+    make_learner,
+    read_weights,
+)
 from gapscope.agents.training.training_settings import TrainingSettings, from_plain
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError

@@ -16,13 +16,14 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.model.friction import PULLS, choose
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 from gapscope.ident.samples import (
+    PULLS,
     Band,
     FrictionLaw,
     ModelColumns,
     Samples,
+    choose,
     split,
 )
 
