@@ -35,7 +35,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift, Transmission
 from gapscope.effects.severity import draw
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.texts import HELD, holds, nearest_friction
+from gapscope.envs.export.plain_arm import HELD, holds, nearest_friction
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 

@@ -12,9 +12,14 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from gapscope.agents.controllers import AgentController, Tuning
 from gapscope.agents.models import AgentModel, TorqueModel
-from gapscope.agents.tracking import Measures, TrackingMetrics, TrackingRun
+from gapscope.agents.tracking import (
+    AgentController,
+    Measures,
+    TrackingMetrics,
+    TrackingRun,
+    Tuning,
+)
 from gapscope.arm.case import load_case
 from gapscope.arm.control import Targets
 from gapscope.arm.dynamics.rigid_body import RigidBody

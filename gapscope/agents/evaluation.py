@@ -10,16 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gapscope.agents.controllers import (
+from gapscope.agents.models import AgentModel, ArmModel, Candidate, Gravity
+from gapscope.agents.tracking import (
     AgentController,
     ComputedTorque,
     Feedforward,
-    Tuning,
-)
-from gapscope.agents.models import AgentModel, ArmModel, Candidate, Gravity
-from gapscope.agents.tracking import (
     SampledReference,
     TrackingMetrics,
+    Tuning,
     largest_factor,
     settles,
     track,
@@ -62,7 +60,7 @@ def disturbance(
 
 
 LAWS = ("feedforward", "computed")
-"""``gapscope.agents.controllers.Feedforward`` and ``gapscope.agents.controllers.ComputedTorque``."""
+"""``gapscope.agents.tracking.Feedforward`` and ``gapscope.agents.tracking.ComputedTorque``."""
 MOTIONS = ("fourier", "pick", "place", "weld_seam")
 """Motions by default."""
 

@@ -160,8 +160,8 @@ def train(
         tune: search hyperparameters in so many short trainings instead
         again: replace what the folder holds of an earlier training
     """
-    from gapscope.agents.training.learner import check_installed
     from gapscope.agents.training.task import ROUGH, Task
+    from gapscope.agents.training.training_loop import check_installed
     from gapscope.agents.training.training_settings import RESIDUAL, read_settings
     from gapscope.agents.training.tuning import tune as search
     from gapscope.arm.io.locked_section import locked
@@ -252,11 +252,11 @@ def evaluate(
             are given win
         again: begin anew, also if an earlier run was interrupted
     """
-    from gapscope.agents.controllers import Tuning
     from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
     from gapscope.agents.evaluation import evaluate as evaluate_models
     from gapscope.agents.models import read_models
     from gapscope.agents.summary import summarise
+    from gapscope.agents.tracking import Tuning
     from gapscope.arm.io.atomic_write import begin_results
     from gapscope.arm.io.locked_section import locked
     from gapscope.commands.agent_files import merge_options

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -14,63 +15,660 @@ from gymnasium.spaces import Box
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy import add, maximum, minimum, multiply, subtract
 
+from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.motions.named_motions import workspace
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.named_motions import Workspace, draw_motion, workspace
 from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
+from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.corrected_file import (
+    described,
+    error_context,
+    read_corrected,
+    read_entry,
+)
 from gapscope.effects.effect import Transmission
 from gapscope.envs import arguments
-from gapscope.envs.actions import control
-from gapscope.envs.arguments import check_values, checked_actions
-from gapscope.envs.divergence import ending, title
-from gapscope.envs.effect_ranges import EffectRanges
-from gapscope.envs.episode import (
-    LOOK_AHEAD,
-    SUB_STEPS,
-    TIME_STEP,
-    Effects,
-    EpisodeOptions,
+from gapscope.envs.actions import Control, Gains, control, scaled
+from gapscope.envs.arguments import (
+    READ,
     FeedforwardModel,
-    Layout,
-    SampledReference,
-    Setup,
-    Timing,
-    chosen_effects,
+    check_values,
+    checked_actions,
+    checked_motion,
+    record_of,
 )
-from gapscope.envs.plant import ControlledArms
-from gapscope.envs.randomisation import Randomisation, checked_randomisation
+from gapscope.envs.effect_ranges import EffectRanges
+from gapscope.envs.position_controller import (
+    SAFE,
+    VELOCITY_DAMPING,
+    cutoff,
+    largest_stable,
+    pd_loop,
+)
+from gapscope.envs.randomisation import (
+    Randomisation,
+    checked_randomisation,
+    draw_effects,
+)
 from gapscope.envs.reward import Reward, RewardParts
+from gapscope.envs.simulated_arm import (
+    FASTEST_OBSERVED,
+    NetworkTorque,
+    SimulatedArms,
+    fastest,
+)
 
 if TYPE_CHECKING:
     from gapscope.envs.rendering import Screen
 
-REWARDS = tuple(f"reward_{name}" for name in RewardParts._fields)
-"""Where ``info`` holds the parts of the reward."""
-MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
-"""When an episode that ended is followed by the next one."""
-NEAR_STOP = 1e-3
-"""A joint within this distance of its stop has come to it [rad]."""
+
+# An episode: a motion with its course, reference and feedforward at every step, and effects, given or drawn; what is
+# observed of it.
 
 
-class Episodes(ControlledArms):
-    """The running episodes of N environments, each at an action of its own; arguments as of ``ControlledArms``.
+FURTHEST = 4 * np.pi
+"""Bound of observed positions and errors [rad]."""
+
+
+class Layout:
+    """Position of each quantity in the observation, a vector of float32.
+
+    ============== =========== ===== ==================================================================
+    name           length      unit  quantity
+    ============== =========== ===== ==================================================================
+    position       n           rad   encoders, with noise, quantised as the data sheet says
+    velocity       n           rad/s estimate from them, see ``gapscope.envs.environment.ControlledArms``
+    error          n           rad   reference minus encoders
+    action         n or 2 n    1     the action before
+    reference      n           rad   position of the reference
+    reference_rate n           rad/s its velocity
+    look_ahead     n per time  rad   reference at later times minus reference now, first time first
+    feedforward    n           1     feedforward torque over the rated torque
+    ============== =========== ===== ==================================================================
+
+    What exceeds the bounds of the space is clipped.
 
     Attributes:
-        action: the actions before, shape (N, ...).
+        slices: slice of each quantity, by name.
+        measured: slice of the first four, known only once the arm has moved.
+        planned: slice of the last four, known from the start.
+        space: the observation space.
+
+    Args:
+        n_joints: n.
+        look_ahead: times at which the reference is observed ahead [s].
+        n_actions: numbers in an action; n by default.
     """
 
-    def __init__(self, setup: Setup, count: int = 1, **options: Any) -> None:
-        super().__init__(setup, count, **options)
+    def __init__(
+        self, n_joints: int, look_ahead: Sequence[float], n_actions: int | None = None
+    ) -> None:
+        n = n_joints
+        lengths = {
+            "position": (n, FURTHEST),
+            "velocity": (n, FASTEST_OBSERVED),
+            "error": (n, FURTHEST),
+            "action": (n if n_actions is None else n_actions, 1.0),
+            "reference": (n, FURTHEST),
+            "reference_rate": (n, FASTEST_OBSERVED),
+            "look_ahead": (n * len(look_ahead), FURTHEST),
+            "feedforward": (n, 10.0),
+        }
+        ends = np.cumsum([length for length, _ in lengths.values()])
+        self.slices = {
+            name: slice(int(end) - length, int(end))
+            for (name, (length, _)), end in zip(lengths.items(), ends, strict=True)
+        }
+        self.measured, self.planned = (
+            slice(0, int(ends[3])),
+            slice(int(ends[3]), int(ends[-1])),
+        )
+        bound = np.repeat(
+            [b for _, b in lengths.values()], [length for length, _ in lengths.values()]
+        )
+        self._high = bound.astype(np.float32)
+        self._low = -self._high
+        self.space = Box(self._low, self._high, dtype=np.float32)
+
+    @property
+    def size(self) -> int:
+        """Length of the observation."""
+        return self.planned.stop
+
+    def assemble(
+        self, measured: tuple[np.ndarray, ...], planned: np.ndarray
+    ) -> np.ndarray:
+        """The observation from the four measured quantities, and the planned ones in one row; or those of N rows."""
+        row = np.concatenate((*measured, planned), axis=-1, dtype=np.float32)
+        np.maximum(row, self._low, out=row)
+        return np.minimum(row, self._high, out=row)
+
+
+LOOK_AHEAD = (0.02, 0.1, 0.2)
+"""How far ahead the reference is observed, unless said otherwise [s]."""
+TIME_STEP, SUB_STEPS = 1e-3, 20
+"""Step of the simulation [s] and steps of an action, unless said otherwise."""
+EXTENSION = 0.25
+"""A model is evaluated this far beyond the end, for delays to look ahead [s]."""
+
+
+class Timing:
+    """Time of an episode.
+
+    Attributes:
+        dt: step of the simulation [s].
+        sub_steps: steps per action.
+        actions: actions per episode.
+        look_ahead: times ahead at which the reference is observed [s].
+    """
+
+    def __init__(
+        self, dt: float, sub_steps: int, duration: float, look_ahead: Sequence[float]
+    ) -> None:
+        self.dt, self.sub_steps = dt, sub_steps
+        self.actions = max(1, int(np.ceil(duration / self.period - 1e-9)))
+        self.look_ahead = tuple(look_ahead)
+
+    @property
+    def period(self) -> float:
+        """Time between actions [s]."""
+        return self.dt * self.sub_steps
+
+    @property
+    def duration(self) -> float:
+        """Duration of an episode, a whole number of periods [s]."""
+        return self.period * self.actions
+
+
+class SampledReference:
+    """Reference and feedforward of one episode, K actions of S steps, n joints.
+
+    Attributes:
+        q: reference position when an action is chosen, and at the end [rad], shape (K + 1, n).
+        dq: its velocity at the start [rad/s], shape (n,).
+        planned: the planned part of the observation at these times, and once more at the end, shape (K + 2, ...): an
+            episode that is over stands still for the action in which it waits for the next one.
+        steps: reference [rad] and feedforward [N m] at each step, likewise, shape (2, (K + 1) S + 1, n).
+        motion: the reference at each step, with a model ``EXTENSION`` further.
+
+    Args:
+        setup: of the environment.
+        reference: the motion.
+    """
+
+    def __init__(self, setup: Setup, reference: ReferenceMotion) -> None:
+        model, timing = setup.feedforward, setup.timing
+        steps = timing.actions * timing.sub_steps + 1
+        more = 0 if isinstance(model, str) else round(EXTENSION / timing.dt)
+        t = timing.dt * np.arange(steps + more)
+        self.motion = motion = Motion(
+            t, reference.position(t), reference.velocity(t), reference.acceleration(t)
+        )
+        chosen = slice(0, steps, timing.sub_steps)
+        t, self.q, dq = motion.t[chosen], motion.q[chosen], motion.dq[chosen]
+        ahead = [reference.position(t + time) - self.q for time in timing.look_ahead]
+        self.dq = dq[0]
+        if isinstance(model, str):
+            states = motion.q, motion.dq, motion.ddq
+            torque = feedforward(setup.arm, setup.body, model, *states)
+        else:
+            torque = np.asarray(model.series(motion))[:steps]
+        row = [self.q, dq, *ahead, torque[chosen] / setup.control.rated]
+        self.planned = np.pad(np.hstack(row), ((0, 1), (0, 0)), "edge")
+        series = np.stack([motion.q[:steps], torque])
+        waiting = ((0, 0), (0, timing.sub_steps), (0, 0))
+        self.steps = np.pad(series, waiting, "edge")
+
+
+Effects = (
+    AppliedEffect
+    | Mapping[str, Any]
+    | Sequence[AppliedEffect | Mapping[str, Any]]
+    | Path
+    | str
+    | None
+)
+"""Effects as records, as entries or a file of the form of ``corrected.yaml``, or none."""
+GIVE = "give AppliedEffect records or entries as in a corrected.yaml, or the path of such a file"
+"""What to do if something is no effect."""
+
+
+def chosen_effects(effects: Effects, arm: NominalArm) -> tuple[AppliedEffect, ...]:
+    """The effects as records.
+
+    Raises:
+        InputError: the file is at fault, what was given is no effect, or an effect acts on a joint that the arm lacks.
+    """
+    file = effects if isinstance(effects, (str, Path)) else None
+    if file is None:
+        found = _records(effects)
+    elif str(file) in CATALOGUE and not Path(file).exists():
+        what = f"{str(file)!r} is the name of an effect, without values"
+        raise InputError(what, GIVE, where="effects")
+    else:
+        found = read_corrected(file)
+    with error_context(file, found):
+        CorrectedArm(arm, found).check()
+    return found
+
+
+def _records(effects: Any) -> tuple[AppliedEffect, ...]:
+    """Effects that are records or entries, one or several."""
+    if effects is None:
+        return ()
+    if isinstance(effects, Mapping) and "effects" in effects:
+        if effects.get("residual"):
+            raise InputError(
+                "a residual network is no effect",
+                f"give simulated=, and {READ}",
+                where="effects",
+            )
+        return _records(effects["effects"])
+    if isinstance(effects, (AppliedEffect, Mapping)):
+        effects = (effects,)
+    if not isinstance(effects, Iterable):
+        raise InputError(f"{effects!r} is no effect with values", GIVE, where="effects")
+    return tuple(
+        read_entry(item, f"effects[{i}]")
+        if isinstance(item, Mapping)
+        else record_of(f"effects[{i}]", item, AppliedEffect, GIVE)
+        for i, item in enumerate(effects)
+    )
+
+
+class EpisodeOptions(NamedTuple):
+    """What an episode is made from; the options of ``reset`` have these names.
+
+    Attributes:
+        motion: a reference motion, or the name of a kind of motion to draw.
+        effects: what the simulated arm has beyond the nominal arm.
+        randomisation: effects to draw beyond them, or ``None``.
+    """
+
+    motion: str | ReferenceMotion
+    effects: tuple[AppliedEffect, ...]
+    randomisation: Randomisation | EffectRanges | None
+
+
+class Setup(NamedTuple):
+    """What all episodes of an environment share.
+
+    Attributes:
+        arm, body: the nominal arm and its rigid bodies.
+        scale: what is large on it.
+        base: the arm that is simulated; its effects are not used.
+        encoder_noise: standard deviation [rad], shape (n,).
+        space: in which motions are drawn.
+        control: how actions become torque.
+        timing: of an episode.
+        feedforward: a kind of feedforward, or a model.
+        options: what an episode is made from if ``reset`` says nothing else.
+        reward: of an action.
+        layout: of the observation.
+        stops: lowest and highest positions [rad] short of the joints' stops, each (n,).
+        debug: whether the truth is told.
+    """
+
+    arm: NominalArm
+    body: RigidBody
+    scale: ArmScale
+    base: CorrectedArm
+    encoder_noise: np.ndarray
+    space: Workspace
+    control: Control
+    timing: Timing
+    feedforward: str | FeedforwardModel
+    options: EpisodeOptions
+    reward: Reward
+    layout: Layout
+    stops: tuple[np.ndarray, np.ndarray]
+    debug: bool
+
+    def draw(
+        self, options: Mapping[str, Any], seeds: np.ndarray
+    ) -> tuple[SampledReference, tuple[AppliedEffect, ...]]:
+        """Course and effects of an episode, drawn ones included.
+
+        Args:
+            options: instead of the environment's own, by the names of ``EpisodeOptions``.
+            seeds: one for the motion, which so does not depend on the effects drawn, and one for these.
+
+        Raises:
+            InputError: an option that cannot be used.
+        """
+        for name in options:
+            check_known("option", name, EpisodeOptions._fields, where="reset")
+        chosen = self.options._replace(**options)
+        motion = checked_motion(chosen.motion, self.arm.n_joints)
+        effects = chosen.effects
+        if "effects" in options:
+            effects = chosen_effects(options["effects"], self.arm)
+        randomisation = checked_randomisation(chosen.randomisation)
+        if randomisation is not None:
+            rng = np.random.default_rng(seeds[1])
+            drawn = draw_effects(rng, self.arm, randomisation, self.scale, effects)
+            effects = (*effects, *drawn)
+        if isinstance(motion, str):
+            rng = np.random.default_rng(seeds[0])
+            motion = draw_motion(motion, rng, self.space, self.timing.duration)
+        return SampledReference(self, motion), effects
+
+
+# How episodes end before their time, noticed at once and explained.
+
+
+SMALLER = {
+    "residual": "a smaller action_share or action_reach",
+    "scale": "smaller actions",
+    "gains": "smaller actions",
+    "torque": "a smaller action_share",
+}
+"""What makes an action of 1 less, by kind of action."""
+
+
+def divergence_info(
+    setup: Setup,
+    steps: int,
+    q: np.ndarray,
+    dq: np.ndarray,
+    effects: tuple[AppliedEffect, ...],
+    acted: bool,
+) -> dict[str, Any]:
+    """``divergence``: the fastest joint, counted from 1, and why the arm diverged after some steps of the episode.
+
+    Causes are told in the ``message``, the most likely first, each with what to change.
+
+    Args:
+        setup: of the environment.
+        steps: of the simulation, after which all was well.
+        q: last reading of the encoders [rad], shape (n,).
+        dq: true velocity [rad/s], shape (n,).
+        effects: of the episode.
+        acted: whether one of its actions was other than zero.
+    """
+    arm, control, dt = setup.arm, setup.control, setup.timing.dt
+    joint, time = fastest(dq), float(steps * dt)
+    causes: list[str] = []
+    gains = control.gains
+    if gains is not None:
+        mass = setup.body.mass_matrix(q) + np.diag(arm.armature)
+
+        def works(step: float) -> bool:
+            return pd_loop(gains, step).stable(mass, arm.viscous)
+
+        if not works(dt):
+            longest = largest_stable(works, dt)
+            lower = SAFE * pd_loop(gains, dt).stable_share([mass], arm.viscous)
+            below = f"bandwidth below {lower:.2g} of what it is"
+            ways = [f"time_step below {0.5 * longest:.2g} s"] * (longest > 0)
+            ways.append(below if lower > 0 else "a lower bandwidth")
+            causes.append(
+                f"too large a step or gains: the PD loop is unstable at {dt:.3g} s; {', or '.join(ways)}"
+            )
+    if not np.isfinite(control.limit[joint]):
+        causes.append(
+            "no torque limit: give sheet={'torque_limit': [...]} in N m, one number per joint"
+        )
+    if arm.viscous[joint] == 0:
+        causes.append(
+            f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in N m s/rad"
+        )
+    # actions that were zero drive nothing
+    if acted:
+        causes.append(f"actions drive it: {SMALLER[control.kind]}")
+    if effects:
+        causes.append("effects drive it: milder effects")
+    if control.gains is None and not acted:
+        causes.append("nothing holds the arm: the action, zero here, is all its torque")
+    if not causes:
+        causes.append("feedforward drives it: another model, or feedforward='none'")
+    speed = float(abs(dq[joint]))
+    fast = f"{speed:.3g} rad/s" if np.isfinite(speed) else "a speed that is no number"
+    what = f"joint {joint + 1} diverged: {fast} after {time:.4g} s"
+    return {
+        "divergence": {
+            "joint": joint + 1,
+            "time": time,
+            "speed": speed,
+            "message": "\n  ".join([what, *causes]),
+        }
+    }
+
+
+def title(arm: NominalArm, effects: Sequence[AppliedEffect]) -> str:
+    """The arm with the names of its effects."""
+    names = ", ".join(applied.name.replace("_", " ") for applied in effects)
+    return f"{arm.name}: {names or 'no effects'}"
+
+
+def stop_info(setup: Setup, q: np.ndarray, reading: np.ndarray) -> dict[str, str]:
+    """``limit``: which joint came to its stop, if one did; true position and reading [rad], shape (n,)."""
+    lowest, highest = setup.stops
+    stopped = (q <= lowest) | (q >= highest)
+    if not np.count_nonzero(stopped):
+        return {}
+    joint = int(stopped.argmax())
+    name, read = setup.arm.joints[joint], f"{reading[joint]:.4g} rad"
+    return {
+        "limit": f"joint {joint + 1} ({name}) came to its stop; its encoder reads {read}"
+    }
+
+
+def ending(info: Mapping[str, Any]) -> str:
+    """The first line of why an episode ended early; empty if it did not."""
+    divergence: str = info.get("divergence", {}).get("message", "")
+    return info.get("limit") or divergence.split("\n")[0]
+
+
+# The plant that agents act on: simulated arms with encoders, velocity estimates and, if wanted, PD loops; one
+# environment is one of N.
+
+
+SENSOR_PERIOD = 10e-3
+"""The encoders are read at least this often [s], and at every step if a PD loop runs."""
+SLOW = FASTEST_OBSERVED**2
+"""Sum of squares of velocities of which none exceeds what is observed [rad^2/s^2]."""
+
+
+class SampledReferences:
+    """Courses of N episodes, K actions of S steps, n joints; each at an action of its own.
+
+    Args:
+        sub_steps: S.
+        shape: (N, n).
+        planned: numbers in the planned part of the observation.
+
+    Attributes:
+        at: number of the next action of each, shape (N,).
+        planned: the planned part of the observation then, shape (N, ...).
+        position, rate: the reference then [rad], [rad/s], which that part begins with, shape (N, n).
+    """
+
+    def __init__(self, sub_steps: int, shape: tuple[int, int], planned: int) -> None:
+        count, n = shape
+        self._sub_steps = sub_steps
+        self.at: np.ndarray = np.zeros(count, dtype=int)
+        self.planned = np.zeros((count, planned))
+        self.position, self.rate = self.planned[:, :n], self.planned[:, n : 2 * n]
+        self._courses: dict[int, SampledReference] = {}
+
+    def put(self, number: int, course: SampledReference) -> None:
+        """Give an episode, numbered from 0, another course, at whose start it is."""
+        self.at[number], self.planned[number] = 0, course.planned[0]
+        self._courses[number] = course
+
+    def steps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Reference [rad] and feedforward [N m] at the steps of the next action, the first after it included.
+
+        Two arrays of shape (S + 1, N, n).
+        """
+        count = self._sub_steps
+        both = np.empty((2, count + 1, *self.position.shape))
+        for number, at in enumerate(self.at.tolist()):
+            rows = slice(at * count, at * count + count + 1)
+            both[:, :, number] = self._courses[number].steps[:, rows]
+        return both[0], both[1]
+
+    def go_on(self) -> None:
+        """The next action is done."""
+        self.at += 1
+        for number, at in enumerate(self.at.tolist()):
+            self.planned[number] = self._courses[number].planned[at]
+
+
+class VelocityFilters:
+    """``VelocityFilter`` of N arms, n joints.
+
+    Args:
+        rate: sampling rate [Hz].
+        shape: (N, n).
+    """
+
+    def __init__(self, rate: float, shape: tuple[int, int]) -> None:
+        self._rate = rate
+        gains = np.array(filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
+        pasts: np.ndarray = np.zeros((2, 5, shape[0] * shape[1]))
+        self._product, tables = gains.dot, pasts
+        if shape[0] > 1:
+            # one product per arm: a single large one would round differently
+            self._product = partial(np.matmul, gains)
+            tables = pasts.reshape(2, 5, *shape).swapaxes(1, 2)
+        # from one array into the other, in turns: numpy takes longer to move rows within one, and to slice again
+        self._turns = [
+            (past[0], past[:-1], past[1:], table, table[..., 3, :], past[3])
+            for past, table in zip(pasts, tables, strict=True)
+        ]
+        self._pasts = [past.reshape(5, *shape) for past in pasts]
+
+    def put(self, number: int, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
+        rate = self._rate
+        one = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, position, velocity)
+        self._pasts[0][:, number] = one.past
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Filtered velocities [rad/s] for the next positions q [rad], (N n,); valid until the next call but one."""
+        newest, kept, _, table, _, _ = self._turns[0]
+        _, _, older, _, result, velocity = self._turns[1]
+        newest[...] = q
+        older[...] = kept
+        self._product(table, out=result)
+        self._turns.reverse()
+        self._pasts.reverse()
+        return velocity
+
+
+class _Diverged(NamedTuple):
+    """What an arm had when it diverged: steps of the action done until then, torque [N m], motion [rad], [rad/s]."""
+
+    done: int
+    torque: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    applied: np.ndarray
+
+
+class Episodes:
+    """The running episodes of N environments: simulated arms with effects under their controllers, n joints.
+
+    If PD loops run, the tracking error is differentiated and not the position: dq = dq_ref - D(q_ref - q), so that the
+    differentiator's lag is not treated as an error. Otherwise dq = D(q).
+
+    Args:
+        setup: of the environments.
+        count: N.
+        engine, together, threads: as of ``gapscope.envs.simulated_arm.SimulatedArms``.
+
+    Attributes:
+        position: as the encoders give it, quantised as the data sheet says [rad], shape (N, n).
+        velocity: estimate from the encoders [rad/s], shape (N, n).
+        torque: commanded in the last step [N m], shape (N, n).
+        q, dq, applied: true motion [rad], [rad/s] and torque [N m] after an action, shape (N, n).
+        torque_rate: RMS over joints and steps of the last action of the change of the torque commanded [N m/s], (N,).
+        load: mean of (commanded / rated torque)^2 over joints and steps of the last action [1], (N,); of an action in
+            which an arm diverged, both are over its steps until then.
+        courses: what the arms are to follow.
+        diverged: the arms that diverged in the last action, by number.
+        action: the actions before, shape (N, ...).
+
+    Raises:
+        InputError: an engine that is not there, or arms that cannot be stepped together.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        count: int = 1,
+        *,
+        engine: str | None = None,
+        together: bool = False,
+        threads: int = 0,
+    ) -> None:
+        self.setup, self._control, self._timing = setup, setup.control, setup.timing
+        self._arms = SimulatedArms(
+            setup.base.arm,
+            setup.options.effects,
+            setup.timing.dt,
+            count,
+            engine=engine,
+            encoder_step=setup.arm.encoder_step or 0.0,
+            encoder_noise=setup.encoder_noise,
+            together=together,
+            threads=threads,
+        )
+        self._networks: dict[int, NetworkTorque] = {}
+        # steps between readings of the encoders: as many as fit, and divide those of an action
+        self._chunk, parts = 1, setup.timing.sub_steps
+        if setup.control.gains is None:
+            fits = max(1, int(SENSOR_PERIOD / setup.timing.dt + 1e-9))
+            self._chunk = max(x for x in range(1, fits + 1) if parts % x == 0)
+        rate = 1.0 / (setup.timing.dt * self._chunk)
+        shape = (count, setup.arm.n_joints)
+        self._estimate = VelocityFilters(rate, shape)
+        planned = len(range(setup.layout.size)[setup.layout.planned])
+        self.courses = SampledReferences(parts, shape, planned)
+        self._home = np.zeros(shape)
+        self.position, self.velocity, self.torque = np.zeros((3, *shape))
+        self.q, self.dq, self.applied = np.zeros((3, *shape))
+        self.load, self.torque_rate = np.zeros((2, count))
+        self.diverged: dict[int, _Diverged] = {}
+        # of the joints of all arms: numpy takes longer for what it must spread
+        control = setup.control
+        self._gains = control.gains and Gains(
+            *(np.tile(gain, count) for gain in control.gains)
+        )
+        self._limit = np.tile(control.limit, count)
+        self._scale, self._rated = (
+            np.tile(x, (count, 1)) for x in (control.scale, control.rated)
+        )
+        self._lowest = -self._limit
+        self._error, self._work = np.zeros((2, self._limit.size))
+        self._series = np.zeros((2, count, setup.timing.sub_steps, shape[1]))
         self.action: np.ndarray = np.zeros((count, setup.control.size))
         self._acted = np.zeros(count, dtype=bool)
         # of the shape of the positions: numpy takes longer for what it must spread
         self._stops = [np.tile(x, (count, 1)) for x in setup.stops]
+
+    @property
+    def effects(self) -> list[tuple[AppliedEffect, ...]]:
+        """Effects of each arm beyond the base."""
+        return self._arms.effects
+
+    def close(self) -> None:
+        """Free the engine."""
+        self._arms.close()
 
     def begin(
         self, number: int, options: Mapping[str, Any], rng: np.random.Generator
@@ -78,13 +676,55 @@ class Episodes(ControlledArms):
         """Draw a motion and effects for one environment, numbered from 0, and put its arm at the motion's start.
 
         Raises:
-            InputError: an option that cannot be used.
+            InputError: an option that cannot be used, or an effect that cannot be simulated, or not beside other arms.
         """
-        seeds = rng.integers(2**63, size=2)
-        course, effects = self.setup.draw(options, seeds)
-        self.reset(number, effects, course, seeds)
+        seed = rng.integers(2**63, size=2)
+        course, effects = self.setup.draw(options, seed)
+        arms = self._arms
+        arms.put(number, effects)
+        arms.draw_noise_from(number, np.random.default_rng(seed))
+        self.courses.put(number, course)
+        start, still = course.q[0], np.zeros(len(course.dq))
+        arms.start(number, start, course.dq)
+        self._home[number] = self.q[number] = arms.state("q")[number]
+        moving = self._control.gains is None
+        first = (start, course.dq) if moving else (still, still)
+        self._estimate.put(number, *first)
+        self.position[number] = arms.read_one(number)
+        self.velocity[number] = course.dq
+        self.torque[number] = course.steps[1, 0]
+        self.dq[number], self.applied[number] = course.dq, 0.0
+        self.load[number] = self.torque_rate[number] = 0.0
+        if self.setup.base.residual is not None:
+            having = replace(self.setup.base, effects=effects)
+            steps = self._timing.sub_steps
+            self._networks[number] = NetworkTorque(having, course.motion, steps)
         self.action[number], self._acted[number] = 0.0, False
         return course
+
+    def truth(self, number: int) -> dict[str, Any]:
+        """True motion [rad], [rad/s], torque [N m] and effects of an arm if they are told; hidden from controllers."""
+        if not self.setup.debug:
+            return {}
+        return {
+            "q_true": self.q[number].copy(),
+            "dq_true": self.dq[number].copy(),
+            "torque_commanded": self.torque[number].copy(),
+            "torque_applied": self.applied[number].copy(),
+            "effects": [described(applied) for applied in self.effects[number]],
+        }
+
+    def _early_end(self, number: int) -> dict[str, Any]:
+        """Why the episode of an arm ends early, if it does, after the last action."""
+        reading = self.position[number]
+        if number not in self.diverged:
+            return dict(stop_info(self.setup, self.q[number], reading))
+        before = int(self.courses.at[number] - 1) * self._timing.sub_steps
+        until = before + self.diverged[number].done
+        state = reading, self.dq[number]
+        hidden = self.effects[number]
+        acted = bool(self._acted[number])
+        return divergence_info(self.setup, until, *state, hidden, acted)
 
     def error(self) -> np.ndarray:
         """The tracking errors [rad], shape (N, n)."""
@@ -107,7 +747,7 @@ class Episodes(ControlledArms):
         np.minimum(np.maximum(action, -1.0, action), 1.0, action)
         if np.count_nonzero(self._acted) < len(action):
             self._acted |= action.any(axis=1)
-        self.act(action)
+        self._act(action)
         error = self.error()
         parts = self.setup.reward(error, self.load, action - self.action)
         self.action = action
@@ -123,18 +763,164 @@ class Episodes(ControlledArms):
         early = set(self.diverged)
         if np.count_nonzero(stopped):
             early.update(np.flatnonzero(stopped.any(axis=1)).tolist())
-        ends = {
-            number: self.early_end(number, bool(self._acted[number]))
-            for number in sorted(early)
-        }
+        ends = {number: self._early_end(number) for number in sorted(early)}
         return error, parts.total, values, ends
+
+    def _act(self, action: np.ndarray) -> None:
+        """Carry out the next action of each, shape (N, ...); the courses go on."""
+        self.diverged, kept, courses = {}, self.velocity, self.courses
+        for number, network in self._networks.items():
+            now = self.position[number], self.velocity[number]
+            network.see(int(courses.at[number]), *now)
+        if self._control.gains is None:
+            self._command(action)
+            courses.go_on()
+        else:
+            self._track(action)
+        self.q, self.dq, self.applied = map(self._arms.state, ("q", "dq", "applied"))
+        for number, end in self.diverged.items():
+            self.torque[number], self.position[number] = end.torque, end.position
+            self.q[number], self.dq[number] = end.q, end.dq
+            self.applied[number] = end.applied
+            # the velocity of the PD law is noted at the end of an action only
+            tracked = self._control.gains is not None
+            self.velocity[number] = kept[number] if tracked else end.velocity
+
+    def _command(self, action: np.ndarray) -> None:
+        """Hold the torque of each action."""
+        steps, before, estimate = self._timing.sub_steps, self.torque, self._estimate
+        self.torque = self._scale * action
+        commanded = self.torque.ravel()
+        maximum(commanded, self._lowest, commanded)
+        minimum(commanded, self._limit, commanded)
+        for done in range(0, steps, self._chunk):
+            velocity = estimate(self._hold(commanded, done))
+            self.velocity = velocity.reshape(before.shape)
+        self.velocity = self.velocity.copy()
+        share, jump = self.torque / self._rated, self.torque - before
+        held = self._steps_of(steps)
+        for number, end in self.diverged.items():
+            held[number] = min(end.done + self._chunk, steps)
+        squares, jumps = np.vecdot(share, share), np.vecdot(jump, jump)
+        self._note(held * squares, jumps, held)
+
+    def _track(self, action: np.ndarray) -> None:
+        """PD with feedforward at every step, with what the action adds or multiplies."""
+        control, courses, gains = self._control, self.courses, self._gains
+        assert control.gains is not None and gains is not None
+        before, velocity = self.torque, self.velocity
+        reference, wanted = courses.steps()
+        wanted = wanted[:-1]
+        if control.multiplies:
+            factor, scaled_gains = scaled(control.gains, action)
+            wanted *= factor
+            gains = Gains(*(gain.ravel() for gain in scaled_gains))
+        else:
+            wanted += self._scale * action
+        kp, kd, lowest, limit = *gains, self._lowest, self._limit
+        error, work, estimate = self._error, self._work, self._estimate
+        rate = (courses.rate - velocity).ravel()
+        subtract(reference[0].ravel(), self.position.ravel(), error)
+        # rows, filled in place
+        torques, following = (
+            series.reshape(len(wanted), -1) for series in (wanted, reference[1:])
+        )
+        for done, (torque, after) in enumerate(zip(torques, following, strict=True)):
+            multiply(kp, error, work)
+            add(torque, work, torque)
+            multiply(kd, rate, work)
+            add(torque, work, torque)
+            maximum(torque, lowest, torque)
+            minimum(torque, limit, torque)
+            subtract(after, self._hold(torque, done), error)
+            rate = estimate(error)
+        courses.go_on()
+        self.velocity = courses.rate - rate.reshape(before.shape)
+        self.torque = wanted[-1].copy()
+        self._note_series(wanted, before)
+
+    def _hold(self, torque: np.ndarray, done: int) -> np.ndarray:
+        """Hold a torque [N m], (N n,), until the encoders are read again; the readings [rad], (N n,).
+
+        An arm that diverged waits at its start until its next episode.
+        """
+        arms, felt = self._arms, torque
+        if self._networks:
+            felt = torque.copy()
+            for number, network in self._networks.items():
+                table = felt.reshape(self.q.shape)
+                step = self.courses.at[number] * self._timing.sub_steps + done
+                table[number] -= network.torque(step)
+        arms.hold(felt, self._chunk)
+        dq = arms.inside("dq")
+        # fast: no joint is faster than all together
+        if not dq.dot(dq) <= SLOW:
+            speeds = np.abs(dq).reshape(self.q.shape).max(axis=1)
+            for number in np.flatnonzero(~(speeds <= FASTEST_OBSERVED)).tolist():
+                self._stop(number, done, torque.reshape(self.q.shape)[number])
+        reading = arms.read()
+        self.position = reading.reshape(self.q.shape)
+        return reading
+
+    def _stop(self, number: int, done: int, torque: np.ndarray) -> None:
+        """Note what an arm had when it diverged, if this is the first time in the action, and park it."""
+        arms = self._arms
+        if number not in self.diverged:
+            self.diverged[number] = _Diverged(
+                done,
+                torque.copy(),
+                self.position[number].copy(),
+                self.velocity[number].copy(),
+                *(arms.state(name)[number] for name in ("q", "dq", "applied")),
+            )
+        arms.reset(number, self._home[number], np.zeros(len(torque)))
+
+    def _note_series(self, torque: np.ndarray, before: np.ndarray) -> None:
+        """Note the torque of an action's steps [N m], (S, N, n), and of the step before, (N, n)."""
+        share, jumps = self._series
+        series = torque.transpose(1, 0, 2)
+        np.divide(series, self._control.rated, share)
+        subtract(series[:, 0], before, jumps[:, 0])
+        subtract(series[:, 1:], series[:, :-1], jumps[:, 1:])
+        flat = self._series.reshape(2, len(share), -1)
+        squares, changes = np.vecdot(flat, flat)
+        steps = self._steps_of(len(torque))
+        for number, end in self.diverged.items():
+            # what was commanded after it had diverged does not count
+            until = slice(0, end.done + 1)
+            steps[number] = end.done + 1
+            part, change = share[number, until], jumps[number, until]
+            squares[number] = np.vdot(part, part)
+            changes[number] = np.vdot(change, change)
+        self._note(squares, changes, steps)
+
+    def _steps_of(self, steps: int) -> Any:
+        """Steps of an action, of each arm if one of them may have done fewer: numpy takes longer for an array."""
+        return np.full(len(self.load), steps) if self.diverged else steps
+
+    def _note(self, squares: np.ndarray, jumps: np.ndarray, steps: Any) -> None:
+        """Note the sums over an action's steps of (tau / tau_rated)^2 [1] and of (change of tau)^2 [N^2 m^2], (N,)."""
+        count = steps * len(self._control.rated)
+        self.load = squares / count
+        self.torque_rate = np.sqrt(jumps / count) / self._timing.dt
+
+
+# One environment, and N of them in a process.
+
+
+REWARDS = tuple(f"reward_{name}" for name in RewardParts._fields)
+"""Where ``info`` holds the parts of the reward."""
+MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
+"""When an episode that ended is followed by the next one."""
+NEAR_STOP = 1e-3
+"""A joint within this distance of its stop has come to it [rad]."""
 
 
 class ArmTracking(gymnasium.Env):
     """An arm with effects, n joints, that is to follow a reference motion.
 
     An action is a vector of numbers in -1 .. 1, n in parts of ``torque_scale`` [N m] or 2 n factors. Observation: see
-    ``gapscope.envs.episode.Layout``; reward: see ``gapscope.envs.reward.Reward``. An episode is terminated when
+    ``gapscope.envs.environment.Layout``; reward: see ``gapscope.envs.reward.Reward``. An episode is terminated when
     the arm diverges (``info["divergence"]``) or a joint comes to its stop (``info["limit"]``), and truncated at its
     end.
 

@@ -103,6 +103,8 @@ class SampledLoop(NamedTuple):
         return float(np.abs(np.linalg.eigvals(after)).max())
 
 
+SAFE = 0.7
+"""Share of the largest stable bandwidth that is advised [1]: half of kp."""
 SMALLEST = 1e-3
 """A share of the step or of the bandwidth below this is no remedy [1]."""
 

@@ -17,7 +17,7 @@ from gapscope.arm.control import ControlLoop, Targets, like_pd
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import steps_per_tick
-from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
 from gapscope.arm.motions.named_motions import (
     Workspace,
     check_motion_name,
@@ -32,16 +32,15 @@ from gapscope.arm.motions.trajectory import (
 )
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.arm.velocity_filter import VelocityFilter
+from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Path as TorquePath
 from gapscope.envs.actions import DAMPING
 from gapscope.envs.arguments import check_values
-from gapscope.envs.divergence import diverged, diverged_recording
 from gapscope.envs.engines import check_engine, default_engine
-from gapscope.envs.position_controller import position_controller
-from gapscope.envs.simulated_arm import SimulatedArm, closed_loop
+from gapscope.envs.position_controller import SAFE, SampledLoop, position_controller
+from gapscope.envs.simulated_arm import SimulatedArm, closed_loop, diverged, fastest
 
 RECENT_TICKS, POSTURE_TICKS = 1000, 50
 """Ticks before a divergence from which the postures are taken that may explain it, and from one to the next."""
@@ -144,9 +143,7 @@ def record(
             if diverged(simulated.dq):
                 recent = targets.q[max(0, i - RECENT_TICKS) : i + 1][::-POSTURE_TICKS]
                 at_work, speed = simulated.effects, simulated.dq
-                raise diverged_recording(
-                    arm, at_work, controller, recent, speed, float(t[i])
-                )
+                raise _diverged(arm, at_work, controller, recent, speed, float(t[i]))
             if read_back:
                 tau[i] = simulated.applied
             if i + 1 < len(t) and t[i] < change <= t[i + 1]:
@@ -162,6 +159,75 @@ def record(
         q_ref=targets.q[rows],
         dq_ref=targets.dq[rows],
     )
+
+
+def _diverged(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    controller: Controller,
+    postures: np.ndarray,
+    speed: np.ndarray,
+    time: float,
+) -> GapscopeError:
+    """The error that says at which joint and when the arm diverged, and what lets it.
+
+    Args:
+        arm: the nominal arm.
+        effects: what the simulated arm had beyond it.
+        controller: its controller.
+        postures: references before the divergence [rad], shape (K, n).
+        speed: of the joints [rad/s], shape (n,).
+        time: since the start of the recording [s].
+    """
+    joint, causes = fastest(speed), []
+    estimate = filter_gains(
+        controller.rate, controller.velocity_cutoff, controller.velocity_damping
+    )
+    loop = SampledLoop(controller, 1.0 / controller.rate, estimate)
+    share = _stable_share(loop, CorrectedArm(arm), postures)
+    if share < 1.0:
+        lower = _lower(controller, share)
+        causes.append(f"the controller's gains are too large for this arm: {lower}")
+    elif effects:
+        true = CorrectedArm(arm, effects)
+        names = ", ".join(dict.fromkeys(effect.name for effect in effects))
+        delay = float(np.max(true.quantity("delay")))
+        late = loop._replace(late=round(delay / loop.dt))
+        share = _stable_share(late, true, postures)
+        causes.append(
+            f"{names} makes a stable loop unstable: milder effects, or {_lower(controller, share)}"
+            if share < 1.0
+            else f"the loop is stable without {names}: milder effects, or lower gains of the controller"
+        )
+    if arm.torque_limit is None:
+        causes.append("nothing limits the torque: give torque_limit in the data sheet")
+    if arm.viscous[joint] == 0 and arm.armature[joint] == 0:
+        causes.append(
+            f"joint {joint + 1} has neither friction nor a rotor: give viscous and armature in the data sheet"
+        )
+    return GapscopeError(
+        f"the simulated arm diverged at joint {joint + 1}, at t = {time:.3g} s",
+        "; ".join(causes) or "lower the controller's gains",
+    )
+
+
+def _stable_share(loop: SampledLoop, arm: CorrectedArm, postures: np.ndarray) -> float:
+    """Largest share of the loop's bandwidth that is stable at all postures [1]; 1 if the loop is."""
+    nominal, body = arm.arm, RigidBody(arm.arm)
+    own, rotors = np.diag(nominal.armature), np.diag(arm.quantity("rotor"))
+    masses = [arm.body(body).mass_matrix(q) + rotors for q in postures]
+    believed = [body.mass_matrix(q) + own for q in postures]
+    return loop.stable_share(masses, nominal.viscous, believed)
+
+
+def _lower(controller: Controller, share: float) -> str:
+    """How much lower the gains must be."""
+    names = [gain.name for gain in controller.gains]
+    if share == 0.0:
+        return f"no lower gains of this ratio are stable; check {', '.join(names)}, rate and velocity_filter"
+    share *= SAFE
+    factors = [f"{gain.name} by {share**gain.order:.2g}" for gain in controller.gains]
+    return f"multiply {' and '.join(factors)}, half the stability limit"
 
 
 SLOWEST = 0.4

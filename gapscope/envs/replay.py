@@ -28,12 +28,13 @@ from gapscope.arm.velocity_filter import VelocityFilter, rule_of
 from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual import ResidualNetwork
-from gapscope.envs.divergence import diverged, fastest
 from gapscope.envs.simulated_arm import (
     NetworkTorque,
     SimulatedArm,
     between,
     closed_loop,
+    diverged,
+    fastest,
 )
 
 TRIM = 0.3

@@ -5,7 +5,7 @@ One arm is one of N arms. The torque of a residual network is taken off what it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -28,6 +28,20 @@ START_TRIALS = 50
 """Iterations of ``start`` for joints whose motor leads them."""
 SPACING = 5
 """Steps between values on the reference."""
+FASTEST_OBSERVED = 50.0
+"""Bound of observed velocities, beyond those of an arm [rad/s]."""
+
+
+def diverged(dq: np.ndarray) -> bool:
+    """Whether velocities [rad/s], shape (n,), are beyond those of an arm: above ``FASTEST_OBSERVED``, or not finite."""
+    if dq.dot(dq) <= FASTEST_OBSERVED**2:  # then no joint can be
+        return False
+    return not np.abs(dq).max() <= FASTEST_OBSERVED
+
+
+def fastest(dq: np.ndarray) -> int:
+    """Index of the fastest joint; dq [rad/s], shape (n,), may hold what is no number, which counts as fastest."""
+    return int(np.argmax(np.where(np.isfinite(dq), np.abs(dq), np.inf)))
 
 
 class ArmsTogether:
@@ -243,63 +257,6 @@ class ArmsTogether:
         self._bodies.close()
 
 
-class SeparateArms:
-    """N simulated arms, each in a simulator of its own: with any effects, on any engine; otherwise ``ArmsTogether``.
-
-    Args:
-        drives: bodies and drives of each arm at first, which have states of their own.
-        engine: as of ``ArmsTogether``.
-    """
-
-    def __init__(self, drives: Sequence[ArmDrive], engine: str | None) -> None:
-        self._engine = engine
-        self._arms = [ArmsTogether(drive, engine=engine) for drive in drives]
-        self.q, self.dq, self.applied = np.zeros((3, sum(len(d.rigid) for d in drives)))
-
-    def put(self, number: int, drive: ArmDrive) -> None:
-        """Give an arm, numbered from 0, other effects; ``reset`` or ``start`` has to follow."""
-        arm = ArmsTogether(drive, engine=self._engine)
-        self._arms[number].close()
-        self._arms[number] = arm
-
-    def reset(self, number: int, *state: Any) -> None:
-        """Put an arm at a true state, see ``ArmsTogether.reset``."""
-        self._arms[number].reset(0, *state)
-        self._take()
-
-    def start(self, number: int, *state: Any) -> None:
-        """Put an arm where its encoders read what they are to, see ``ArmsTogether.start``."""
-        self._arms[number].start(0, *state)
-        self._take()
-
-    def seen(self, on_motor: bool) -> np.ndarray:
-        """True positions of what the encoders sit on [rad], shape (N n,)."""
-        return np.concatenate([arm.seen(on_motor) for arm in self._arms])
-
-    def hold(self, torque: np.ndarray, steps: int = 1) -> None:
-        """Hold the commanded torque [N m], shape (N n,), for so many time steps."""
-        rows = torque.reshape(len(self._arms), -1)
-        for arm, row in zip(self._arms, rows, strict=True):
-            arm.hold(row, steps)
-        self._take()
-
-    @property
-    def time(self) -> np.ndarray:
-        """Time since the start of the recording [s], shape (N n,)."""
-        return np.concatenate([arm.time for arm in self._arms])
-
-    def _take(self) -> None:
-        """Take the state of the arms."""
-        for name in ("q", "dq", "applied"):
-            row = getattr(self, name)
-            np.concatenate([getattr(arm, name) for arm in self._arms], out=row)
-
-    def close(self) -> None:
-        """Free the engines' worlds; a second call does nothing."""
-        for arm in self._arms:
-            arm.close()
-
-
 class SimulatedArms:
     """N simulated arms with effects and encoders, n joints in the arm's order; one arm is one of N.
 
@@ -322,7 +279,7 @@ class SimulatedArms:
     Attributes:
         nominal: nominal rigid bodies with the known load.
         effects, drives: of each arm.
-        inside: what steps them, joints in kinematic order.
+        simulators: what steps them, joints in kinematic order: one for all arms, or one for each.
 
     Raises:
         InputError: an effect on a joint that does not exist, armature or friction that is negative in total, an arm
@@ -349,21 +306,17 @@ class SimulatedArms:
         self._shape = count, arm.n_joints
         self._engine, self._together = engine, together
         self.effects = [effects] * count
-        one = together or count == 1
-        self.drives = [self._drive(effects) for _ in range(1 if one else count)]
-        drive = self.drives[0]
-        self.inside: ArmsTogether | SeparateArms
-        if one:
-            self.inside = ArmsTogether(drive, count, threads, engine)
-            self.drives *= count
-        else:
-            self.inside = SeparateArms(self.drives, engine)
+        own = 1 if together else count
+        drives = [self._drive(effects) for _ in range(own)]
+        each = count // own, threads, engine
+        self.simulators = [ArmsTogether(drive, *each) for drive in drives]
+        self.drives = drives * each[0]
         first = arm.n_joints * np.arange(count)[:, None]
         order, places = self.nominal.order, self.nominal.places
         self._order, self._places = (first + order).ravel(), (first + places).ravel()
         self._ordered = bool((order == np.arange(arm.n_joints)).all())
         self._encoder_step = encoder_step
-        encoders = Encoders(drive.corrected, encoder_step)
+        encoders = Encoders(drives[0].corrected, encoder_step)
         self._encoders, self._readings = [encoders] * count, encoders.beside(count)
         self._on_motor = encoders.on_motor
         self._noise, self._noisy = encoder_noise, False
@@ -382,6 +335,11 @@ class SimulatedArms:
             )
         return drive
 
+    def _of(self, number: int) -> tuple[ArmsTogether, int]:
+        """The simulator of an arm, and the arm's number in it."""
+        one = len(self.simulators) == 1
+        return (self.simulators[0], number) if one else (self.simulators[number], 0)
+
     def put(self, number: int, effects: tuple[AppliedEffect, ...]) -> None:
         """Give an arm, numbered from 0, other effects; ``reset`` or ``start`` has to follow.
 
@@ -391,12 +349,12 @@ class SimulatedArms:
         if effects is self.effects[number]:
             return
         drive = self._drive(effects)
-        if self._together or len(self.effects) > 1:
-            self.inside.put(number, drive)
+        if self._together:
+            self.simulators[0].put(number, drive)
         else:
-            inside = ArmsTogether(drive, engine=self._engine)
-            self.close()
-            self.inside = inside
+            made = ArmsTogether(drive, engine=self._engine)
+            self.simulators[number].close()
+            self.simulators[number] = made
         self.drives[number], self.effects[number] = drive, effects
         self._encoders[number] = Encoders(drive.corrected, self._encoder_step)
         self._readings.put(number, self._encoders[number])
@@ -413,18 +371,42 @@ class SimulatedArms:
 
         Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
         """
+        simulator, place = self._of(number)
         order = self.nominal.order
-        self.inside.reset(number, q[order], dq[order], time)
+        simulator.reset(place, q[order], dq[order], time)
 
     def start(
         self, number: int, reading: np.ndarray, dq: np.ndarray, time: float = 0.0
     ) -> None:
         """Put an arm where its encoders, but for rounding and noise, read ``reading`` [rad], with dq [rad/s], (n,)."""
-        self.inside.start(number, self._encoders[number], reading, dq, time)
+        simulator, place = self._of(number)
+        simulator.start(place, self._encoders[number], reading, dq, time)
 
     def hold(self, torque: np.ndarray, steps: int = 1) -> None:
         """Hold the commanded torque [N m], (N n,), which is not to be changed then, for so many time steps."""
-        self.inside.hold(torque if self._ordered else torque[self._order], steps)
+        inside = torque if self._ordered else torque[self._order]
+        rows = inside.reshape(len(self.simulators), -1)
+        for simulator, row in zip(self.simulators, rows, strict=True):
+            simulator.hold(row, steps)
+
+    def inside(self, name: str) -> np.ndarray:
+        """``q``, ``dq``, ``applied`` or ``time`` of all arms, (N n,), joints in kinematic order; not to be kept."""
+        if len(self.simulators) == 1:
+            values: np.ndarray = getattr(self.simulators[0], name)
+            return values
+        return np.concatenate([getattr(one, name) for one in self.simulators])
+
+    def state(self, name: str) -> np.ndarray:
+        """A copy of the same by arms and in the arm's order, (N, n)."""
+        return self._in_order(self.inside(name)).copy().reshape(self._shape)
+
+    def _in_order(self, values: np.ndarray) -> np.ndarray:
+        return values if self._ordered else values[self._places]
+
+    def seen(self, on_motor: bool) -> np.ndarray:
+        """True positions of motors or joints [rad], shape (N n,), in the arm's order; not to be kept."""
+        parts = [one.seen(on_motor) for one in self.simulators]
+        return self._in_order(parts[0] if len(parts) == 1 else np.concatenate(parts))
 
     def read(self) -> np.ndarray:
         """Positions as the encoders read them [rad], shape (N n,); each call draws its own noise."""
@@ -432,12 +414,11 @@ class SimulatedArms:
         if self._noisy:
             noise = np.concatenate([self._drawn(arm) for arm in range(self._shape[0])])
         # a reading is an array of its own, so that nothing is copied here
-        seen = self.inside.seen(self._on_motor)
-        return self._readings(seen if self._ordered else seen[self._places], noise)
+        return self._readings(self.seen(self._on_motor), noise)
 
     def read_one(self, number: int) -> np.ndarray:
         """Positions as the encoders of one arm read them [rad], shape (n,)."""
-        seen = self.in_order(self.inside.seen(self._on_motor))[number]
+        seen = self.seen(self._on_motor).reshape(self._shape)[number]
         noise = None if self._rngs[number] is None else self._drawn(number)
         return self._encoders[number](seen, noise)
 
@@ -446,14 +427,10 @@ class SimulatedArms:
         rng, n = self._rngs[number], self._shape[1]
         return np.zeros(n) if rng is None else self._noise * rng.standard_normal(n)
 
-    def in_order(self, values: np.ndarray) -> np.ndarray:
-        """A copy of values (N n,) of ``inside``, by arms and in the arm's order, (N, n)."""
-        own = values.copy() if self._ordered else values[self._places]
-        return own.reshape(self._shape)
-
     def close(self) -> None:
-        """Free the engine's world; a second call does nothing."""
-        self.inside.close()
+        """Free the engines' worlds; a second call does nothing."""
+        for simulator in self.simulators:
+            simulator.close()
 
 
 class SimulatedArm:
@@ -530,27 +507,27 @@ class SimulatedArm:
     @property
     def q(self) -> np.ndarray:
         """True joint positions [rad], shape (n,)."""
-        return self._arms.in_order(self._arms.inside.q)[0]
+        return self._arms.state("q")[0]
 
     @property
     def dq(self) -> np.ndarray:
         """True joint velocities [rad/s], shape (n,)."""
-        return self._arms.in_order(self._arms.inside.dq)[0]
+        return self._arms.state("dq")[0]
 
     @property
     def motor_q(self) -> np.ndarray:
         """True positions of the motors [rad], joint side, shape (n,); those of rigid joints are the joints'."""
-        return self._arms.in_order(self._arms.inside.seen(on_motor=True))[0]
+        return self._arms.seen(on_motor=True).copy()
 
     @property
     def applied(self) -> np.ndarray:
         """Motor torque that reached the joints in the last step, before friction [N m], shape (n,)."""
-        return self._arms.in_order(self._arms.inside.applied)[0]
+        return self._arms.state("applied")[0]
 
     @property
     def time(self) -> float:
         """Time since the start of the recording [s]; drift and external force go by it."""
-        return float(self._arms.inside.time[0])
+        return float(self._arms.inside("time")[0])
 
     def encoders(self) -> np.ndarray:
         """Positions as the encoders read them [rad], shape (n,); each call draws its own noise."""

@@ -11,10 +11,8 @@ import numpy as np
 import yaml
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import moved, read_case_file
-from gapscope.arm.io.json_file import field, plain, schema_fault, write_json
 from gapscope.arm.io.write_case import nominal_section
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.nominal import NominalArm, arm_entry
@@ -23,8 +21,7 @@ from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.identification import Identification
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, Track
-from gapscope.ident.model.friction import PULLS
-from gapscope.ident.samples import MOVING
+from gapscope.ident.samples import MOVING, PULLS
 from gapscope.model.changes import change_findings
 
 # The document of an identification, with what was examined and filtered.
@@ -255,31 +252,6 @@ def _change(entry: dict[str, Any]) -> dict[str, Any]:
         "std": np.hstack([part["std"] for part in parts]),
         "statistic": entry["times_threshold"],
     }
-
-
-def check(content: Mapping[str, Any]) -> None:
-    """Check a plain document against ``identification.schema.json``.
-
-    Raises:
-        GapscopeError: a field is missing or has a wrong value; the message names the field.
-    """
-    error = schema_fault(content, "identification")
-    if error is not None:
-        raise GapscopeError(
-            f"identification.json, field {field(error.absolute_path) or 'at the top'}: {error.message}",
-            "gapscope/schemas/identification.schema.json describes the format",
-        )
-
-
-def write_document(content: Mapping[str, Any], path: Path | str) -> None:
-    """Write a document as JSON; ``path`` never holds half of one.
-
-    Raises:
-        GapscopeError: the document is not valid, or ``path`` cannot be written.
-    """
-    found = plain(content, null_if_not_finite=True)
-    check(found)
-    write_json(found, path)
 
 
 # The identified arm as files that other tools read: a URDF of consistent bodies, a data sheet, effects.

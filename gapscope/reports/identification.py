@@ -14,7 +14,7 @@ from rich.text import Text
 
 from gapscope.arm.display import MISSING, uncertain
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import plain
+from gapscope.arm.io.json_file import plain, write_document
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.root_mean_square import rms
 from gapscope.effects.corrected_file import write_corrected
@@ -34,7 +34,6 @@ from gapscope.ident.identification_json import (
     with_sheet,
     write_base,
     write_case_beside,
-    write_document,
 )
 from gapscope.ident.kalman import FilterReview
 from gapscope.ident.model.base_parameters import CONDITION_LIMIT
@@ -538,6 +537,6 @@ def write_identification(
     write_base(result, folder / BASE)
     content = document(result, FILES)
     render(result, content, folder / REPORT)
-    write_document(content, folder / DOCUMENT)
+    write_document(content, folder / DOCUMENT, "identification")
     names = (REPORT, DOCUMENT, CASE, URDF, EFFECTS, BASE)
     return tuple(folder / name for name in names)

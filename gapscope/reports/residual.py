@@ -10,11 +10,11 @@ from rich.console import Group
 from rich.text import Text
 
 from gapscope.arm.display import percent
+from gapscope.arm.io.json_file import write_document
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.effects.residual import write_residual
-from gapscope.ident.residual.document import document, write_document
-from gapscope.ident.residual.fit import LearntResidual
+from gapscope.ident.residual.fit import LearntResidual, document
 from gapscope.reports.pages import (
     COLOURS,
     PageSection,
@@ -238,5 +238,5 @@ def write_learnt(
     )
     content = document(found, files)
     write_page(content, folder / REPORT)
-    write_document(content, folder / DOCUMENT)
+    write_document(content, folder / DOCUMENT, "residual")
     return content, tuple(folder / name for name in (*files.values(), DOCUMENT))

@@ -5,17 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.agents.controllers import AgentController
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
 from gapscope.agents.models import AgentModel, Gravity
-from gapscope.agents.tracking import Measures, SampledReference, track
+from gapscope.agents.tracking import AgentController, Measures, SampledReference, track
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import Control, control
-from gapscope.envs.environment import ArmTracking
-from gapscope.envs.episode import LOOK_AHEAD
+from gapscope.envs.environment import LOOK_AHEAD, ArmTracking
 from gapscope.envs.simulated_arm import SimulatedArm
 
 BANDWIDTH, REACH = 2.0, 0.05
@@ -103,29 +100,3 @@ def test_an_agent_that_does_nothing_is_its_model(two: NominalArm) -> None:
     own = replace(agent, policy=Noting(2))
     acting = bench.episodes("m", own, plan.engines[0], 0)[0]
     assert acting["joint_error"] > alone["joint_error"]
-
-
-def test_an_agent_begins_anew(two: NominalArm) -> None:
-    """A second run on a reference is the first one again."""
-    agent = _agent(two, Noting(2))
-    gains = agent.control.gains
-    assert gains is not None
-    motion = draw_motion(
-        "fourier", np.random.default_rng(1), workspace(RigidBody(two)), 1.0
-    )
-    course = SampledReference.of(motion, 0.5, 1e-3)
-    with SimulatedArm(two, (), 1e-3) as simulated:
-        runs = []
-        for _ in range(2):
-            controller = AgentController(
-                gains, agent.control.limit, replace(agent, policy=Noting(2))
-            )
-            runs.append(track(simulated, controller, course.planned(controller)))
-    np.testing.assert_allclose(runs[0].tau, runs[1].tau, rtol=1e-6, atol=1e-9)
-
-
-def test_computed_torque_takes_no_agent(two: NominalArm) -> None:
-    plan = EvaluationPlan(motions=("fourier",), seeds=(0,), law="computed")
-    bench = TrackingBench(two, (), plan)
-    with pytest.raises(InputError, match="an agent acts beside feedforward"):
-        bench.controller(_agent(two, Noting(2)))

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.agents.controllers import (
+from gapscope.agents.models import ArmModel, Gravity
+from gapscope.agents.tracking import (
     ComputedTorque,
     Feedforward,
+    SampledReference,
     Tuning,
+    track,
 )
-from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
-from gapscope.agents.models import ArmModel, Gravity
-from gapscope.agents.tracking import SampledReference, track
 from gapscope.arm.control import Targets
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -37,14 +37,6 @@ def _commanded(controller: Feedforward, far: float = 0.0) -> float:
     """Torque of the sample, or of one whose reference is farther away [N m]."""
     series = (MOTION.q + far, MOTION.dq, MOTION.ddq, controller.plan(MOTION))
     return float(controller(Targets(*series).at(0), Q, DQ)[0])
-
-
-def test_gains_of_the_pendulum() -> None:
-    kp, kd = TUNING.gains(np.ones(1))
-    # 2 zeta w M with zeta = 1/2
-    assert kp == pytest.approx([W**2]) and kd == pytest.approx([W])
-    doubled = TUNING.times(2.0).gains(np.ones(1))
-    assert doubled.kp == pytest.approx(4 * kp) and doubled.kd == pytest.approx(2 * kd)
 
 
 def test_laws_by_hand(pendulum: NominalArm) -> None:
@@ -102,14 +94,3 @@ def test_inverse_dynamics_tracks_an_arm_without_effects_within_a_milliradian(
     assert not done.diverged and len(done.t) == 2000 and done.t[0] == pytest.approx(0.0)
     assert np.abs(course.motion.q - course.motion.q[0]).max() > 0.3
     assert np.abs(done.q - done.q_ref).max() < 2e-4
-
-
-def test_dry_friction_leaves_less_than_a_milliradian() -> None:
-    """RMS of each joint, data-sheet friction of up to 3.5 N m included."""
-    arm = iiwa()
-    bench = TrackingBench(arm, (), EvaluationPlan(duration=2.0))
-    controller = bench.controller(ArmModel(CorrectedArm(arm)))
-    course = bench.course("fourier", 0)[0].planned(controller)
-    with SimulatedArm(arm, encoder_step=arm.encoder_step) as simulated:
-        done = track(simulated, controller, course)
-    assert np.sqrt(np.mean((done.q - done.q_ref) ** 2, axis=0)).max() < 1e-3

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gapscope.agents.controllers import Tuning
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench, evaluate
 from gapscope.agents.models import (
     AgentModel,
@@ -17,7 +16,7 @@ from gapscope.agents.models import (
     read_models,
 )
 from gapscope.agents.summary import relation, summarise
-from gapscope.agents.tracking import TrackingMetrics, TrackingRun
+from gapscope.agents.tracking import TrackingMetrics, TrackingRun, Tuning
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import workspace

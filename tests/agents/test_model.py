@@ -5,8 +5,8 @@ from cases import limits, motion_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gapscope.agents.controllers import Feedforward, Tuning
 from gapscope.agents.models import ArmModel
+from gapscope.agents.tracking import Feedforward, Tuning
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.nominal import NominalArm
@@ -14,7 +14,6 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual import Inputs, Layout, Network, ResidualNetwork, Trust
 from gapscope.effects.severity import draw
 
 INSTANT = sorted(
@@ -112,44 +111,3 @@ def test_a_lag_is_undone_so_that_the_needed_torque_arrives(two: NominalArm) -> N
     np.testing.assert_allclose(
         arrives, needed, atol=0.05 * np.abs(commanded - needed).max()
     )
-
-
-def test_a_force_from_outside_is_left_out(two: NominalArm) -> None:
-    values = {
-        "force": np.array([50.0, 0.0, 30.0]),
-        "start": np.array(0.2),
-        "end": np.array(1.5),
-    }
-    force = AppliedEffect("external_force", (), values)
-    seen = motion_of(REFERENCE, np.linspace(0.0, 2.0, 101))
-    with_force, without = (
-        ArmModel(CorrectedArm(two, effects)).series(seen) for effects in ((force,), ())
-    )
-    np.testing.assert_array_equal(with_force, without)
-
-
-def test_the_network_adds_its_torque(two: NominalArm) -> None:
-    """A network that says 1, over a scale of 0.5 and 2 N m, whatever it sees."""
-    channels, near = Layout(2).channels, len(Layout(2).neighbourhood)
-    inputs = Inputs(2, 2, 0.02, np.zeros((2, channels)), np.ones((2, channels)))
-    weights = (np.zeros((3, 2, len(inputs.seen_by_mlp), 4)), np.zeros((3, 2, 4, 2)))
-    biases = (np.zeros((3, 2, 4)), np.tile([1.0, 0.0], (3, 2, 1)))
-    network = Network("mlp", inputs.seen_by_mlp, weights, biases)
-    trust = Trust(np.zeros((2, 1, near)), np.full(2, 1e3))
-    residual = ResidualNetwork(
-        inputs,
-        (network,),
-        np.zeros(2, int),
-        trust,
-        np.array([0.5, 2.0]),
-        np.full(2, 10.0),
-        12.0,
-    )
-    seen = motion_of(REFERENCE, np.linspace(0.0, 2.0, 101))
-    plain, learnt = (
-        ArmModel(CorrectedArm(two)),
-        ArmModel(CorrectedArm(two, (), residual)),
-    )
-    expected = plain.series(seen) + np.array([0.5, 2.0])
-    np.testing.assert_allclose(learnt.series(seen), expected)
-    np.testing.assert_allclose(samples(learnt, seen.t[::10]), expected[::10])

@@ -1,9 +1,8 @@
 """Interquartile means and their intervals."""
 
 import numpy as np
-import pytest
 
-from gapscope.agents.summary import interquartile_mean, mean_of, rank_correlation
+from gapscope.agents.summary import interquartile_mean, mean_of
 
 
 def test_interquartile_mean_by_hand() -> None:
@@ -25,20 +24,3 @@ def test_interval_covers_the_mean_of_a_normal_distribution() -> None:
         assert mean.low <= mean.value <= mean.high
         hits += mean.low <= 5.0 <= mean.high
     assert hits > 80
-
-
-def test_strata_keep_their_weight() -> None:
-    """Within a stratum all values are alike, so that nothing varies."""
-    mean = mean_of(
-        [1.0, 1.0, 9.0, 9.0], ["slow", "slow", "fast", "fast"], np.random.default_rng(0)
-    )
-    assert mean == (5.0, 5.0, 5.0)
-
-
-def test_rank_correlation() -> None:
-    assert rank_correlation([1, 2, 3], [10, 100, 1000]) == pytest.approx(1.0)
-    assert rank_correlation([1, 2, 3], [3, 2, 1]) == pytest.approx(-1.0)
-    assert (
-        rank_correlation([1, 2], [3, 2]) is None
-        and rank_correlation([1, 1, 1], [3, 2, 1]) is None
-    )

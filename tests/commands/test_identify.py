@@ -15,9 +15,9 @@ from sweeps import daily
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
+from gapscope.arm.io.json_file import check_document
 from gapscope.effects.corrected_file import read_corrected
 from gapscope.ident.estimators.by_name import METHODS, SIMULATING
-from gapscope.ident.identification_json import check
 from gapscope.ident.model.physical_parameters import check_links
 
 Command = Callable[..., Any]
@@ -66,7 +66,7 @@ class TestResults:
         out, document, said = identified("sick")
         assert {path.name for path in out.iterdir()} == RESULTS
         assert all(str(out / name) in said for name in RESULTS)
-        check(document)
+        check_document(document, "identification")
         (b2,) = (p for p in document["parameters"] if p["name"] == "b2")
         # the data sheet says 1.0 and what is hidden adds 3.0
         assert b2["value"] == pytest.approx(4.0, rel=0.05)

@@ -12,7 +12,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.actions import Gains, scaled
+from gapscope.envs.actions import scaled
 from gapscope.envs.environment import ArmTracking
 
 
@@ -26,16 +26,6 @@ class Believed:
         return feedforward(
             self.arm, self.body, "nominal", motion.q, motion.dq, motion.ddq
         )
-
-
-def test_scaling_by_hand() -> None:
-    factor, gains = scaled(
-        Gains(np.array([100.0, 10.0]), np.array([8.0, 4.0])),
-        np.array([1.0, -1.0, 1.0, -1.0]),
-    )
-    np.testing.assert_allclose(factor, [1.5, 0.5])
-    np.testing.assert_allclose(gains.kp, [200.0, 5.0])
-    np.testing.assert_allclose(gains.kd, [8 * np.sqrt(2), 4 / np.sqrt(2)])
 
 
 def run(env: ArmTracking, action: np.ndarray, steps: int = 20) -> list[np.ndarray]:
@@ -76,18 +66,6 @@ def test_one_action_changes_all_gains(data_sheet_arm: NominalArm) -> None:
     )
 
 
-def test_more_feedforward_lifts_the_arm(pendulum) -> None:
-    errors = []
-    for action in (0.0, 1.0):
-        env = ArmTracking(pendulum(), action="scale", posture=[0.3])
-        errors.append(
-            run(env, np.array([action, 0.0]))[-1][env.layout.slices["error"]][0]
-        )
-    assert (
-        errors[1] > errors[0] + 0.01
-    )  # gravity pulls towards larger angles, so that more torque leaves it behind
-
-
 def test_a_model_is_fed_forward_as_its_name_is(data_sheet_arm: NominalArm) -> None:
     named = run(ArmTracking(data_sheet_arm, feedforward="nominal"), np.zeros(7))
     given = run(
@@ -111,17 +89,6 @@ def test_the_loop_does_not_take_the_filters_lag_for_an_error(
         worst = max(worst, env.step(np.zeros(7))[4]["tracking_rms"])
     env.close()
     assert worst < 3e-4
-
-
-def test_torque_rate_is_told(pendulum) -> None:
-    env = ArmTracking(pendulum(), action="torque", sub_steps=10)
-    env.reset(seed=0)
-    env.step(np.zeros(1))
-    info = env.step(np.ones(1))[4]
-    env.close()
-    assert info["torque_rate"] == pytest.approx(
-        env.torque_scale[0] / np.sqrt(10) / 1e-3
-    )
 
 
 def test_reach_gives_every_joint_the_same_say(data_sheet_arm: NominalArm) -> None:

@@ -14,7 +14,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.cli import main
-from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.environment import ArmTracking
 from gapscope.envs.simulated_arm import SimulatedArm
@@ -201,24 +200,6 @@ def test_an_inertia_that_no_body_can_have_is_refused(
     assert remedy in text.split("remedy: ")[1]
 
 
-def test_a_last_link_without_inertial_is_refused(capsys, tmp_path: Path) -> None:
-    """Any torque would give it an infinite acceleration."""
-    file = tmp_path / "light.urdf"
-    head, last = IIWA.read_text().split('<link name="lbr_iiwa_link_7">')
-    file.write_text(
-        head
-        + '<link name="lbr_iiwa_link_7">'
-        + re.sub("<inertial>.*?</inertial>", "", last, flags=re.S)
-    )
-    code, text = _record(capsys, file, _file(tmp_path))
-    assert (
-        code == 2
-        and f"{file}: the link moved by joint 7 (lbr_iiwa_joint_7) has mass 0 kg"
-        in text
-    )
-    assert "with positive mass and inertia" in text.split("remedy: ")[1]
-
-
 ODD = {
     "triangle inequality": (
         (r"<inertia [^>]*/>", _moments(1.0)),
@@ -260,47 +241,6 @@ def test_an_odd_inertia_is_told_and_simulated_alike_on_every_engine(
             )
     code, text = _record(capsys, file, _file(tmp_path))
     assert code == 0 and f"note: {file}: {message}" in text
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_a_stiffness_that_another_step_holds(
-    engines, tmp_path: Path, engine: str
-) -> None:
-    """What the message says to do helps: the longest step that it names."""
-    arm = load_nominal_arm("kuka_iiwa")
-    stiff = (
-        AppliedEffect("armature", (2,), {"inertia": [0.01]}),
-        AppliedEffect("joint_elasticity", (2,), {"stiffness": [1e7], "damping": [0.0]}),
-    )
-    with pytest.raises(InputError, match="cannot hold") as caught:
-        SimulatedArm(arm, stiff, 1e-3, engine=engines(engine))
-    step = float(re.search(r"steps of at most ([\d.e-]+) s", caught.value.remedy)[1])
-    SimulatedArm(arm, stiff, 0.95 * step, engine=engine).close()
-
-
-@pytest.mark.parametrize("ending", ["csv", "parquet", "npz"])
-def test_a_truncated_recording_is_not_replayed(
-    capsys, tmp_path: Path, ending: str
-) -> None:
-    assert _record(capsys, "kuka_iiwa", _file(tmp_path), "--format", ending)[0] == 0
-    whole = tmp_path / "case" / f"recording_1.{ending}"
-    cut, out = tmp_path / f"cut.{ending}", tmp_path / "replayed.csv"
-    expected = {
-        "csv": "rows left out that cannot be read: 1 of",
-        "parquet": "cannot be read as Parquet",
-        "npz": "cannot be read as NPZ",
-    }
-    for share in (0.2, 0.7):
-        cut.write_bytes(whole.read_bytes()[: int(share * whole.stat().st_size)])
-        code, text = _run(
-            capsys, "replay", tmp_path / "case", "--recording", cut, "--out", out
-        )
-        assert f"{cut}" in text and expected[ending] in text
-        assert "Traceback" not in text
-        assert code == 2 and not out.exists()
-        # the whole rows of a text are read, and here too few
-        reason = "a replay needs 0.9 s" if ending == "csv" else "complete"
-        assert reason in text
 
 
 def test_a_corrected_model_at_fault_is_not_replayed(capsys, tmp_path: Path) -> None:

@@ -39,12 +39,6 @@ def test_an_interval_is_1_96_deviations_wide_on_each_side() -> None:
     assert found.high.parameters["torque"] == pytest.approx(4.0 + 0.98)
 
 
-def test_an_interval_stays_within_the_catalogue() -> None:
-    applied = AppliedEffect("actuator_delay", (1,), {"delay": [0.002]})
-    found = effect_range(applied, {"delay": np.array([0.01])})
-    assert found.low.parameters["delay"] == 0.0
-
-
 def test_friction_of_the_data_sheet_is_not_undone_below_zero() -> None:
     arm = replace(load_nominal_arm("kuka_iiwa"), coulomb=np.array([1.0] + [0.0] * 6))
     ranges = within_nominal([friction((1, 2), [-3.0, -3.0], [2.0, 2.0])], arm)
@@ -70,13 +64,6 @@ def test_a_limit_comes_from_the_units_that_have_it() -> None:
     ends = (AppliedEffect("torque_saturation", (3,), {"limit": [x]}) for x in (18, 22))
     (found,) = spread([[EffectRange(*ends)], []])
     assert found.low.parameters["limit"].tolist() == [18.0]
-
-
-def test_a_force_of_one_recording_has_no_range() -> None:
-    force = AppliedEffect(
-        "external_force", (), {"force": [1, 2, 3], "start": 0, "end": 1}
-    )
-    assert spread([[EffectRange(force, force)]]) == ()
 
 
 def test_the_file_is_read_back(tmp_path: Path) -> None:

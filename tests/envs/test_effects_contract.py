@@ -163,25 +163,6 @@ def test_a_very_stiff_joint_is_nearly_rigid(
     np.testing.assert_allclose(elastic[:, 7:14], rigid[:, 7:14], atol=1e-3)
 
 
-def test_spring_that_the_step_cannot_hold_is_refused(
-    data_sheet_arm: NominalArm,
-) -> None:
-    bare = replace(data_sheet_arm, armature=np.zeros(7))
-    spring = AppliedEffect("parallel_spring", (7,), {"stiffness": [1e4], "rest": [0.0]})
-    with pytest.raises(InputError, match="cannot hold"):
-        SimulatedArm(bare, (spring,), dt=0.02)
-
-
-def test_sensing_effects_leave_the_true_motion_alone(
-    data_sheet_arm: NominalArm,
-) -> None:
-    nominal = _run(data_sheet_arm, (), "pybullet")
-    for name, effect in CATALOGUE.items():
-        if isinstance(effect, Sensing):
-            seen = _run(data_sheet_arm, (_drawn(data_sheet_arm, name),), "pybullet")
-            np.testing.assert_array_equal(seen[:, 7:], nominal[:, 7:])
-
-
 @pytest.fixture
 def own() -> Iterator[None]:
     """The catalogue with effects of a user."""

@@ -60,21 +60,6 @@ def test_stable_baselines_checker(
     assert [str(w.message) for w in recwarn] == []
 
 
-@pytest.mark.parametrize("mode", ["sync", "async"])
-def test_eight_environments_in_vector_form(mode: str) -> None:
-    vector = gym.make_vec(NAME, num_envs=8, vectorization_mode=mode, **SHORT)
-    observation, _ = vector.reset(seed=0)
-    for _ in range(25):
-        after, reward, _, _, info = vector.step(np.zeros((8, 7), np.float32))
-    assert (
-        after.shape == (8, 70)
-        and reward.shape == (8,)
-        and info["reward_tracking"].shape == (8,)
-    )
-    assert len({row.tobytes() for row in observation}) == 8
-    vector.close()
-
-
 @pytest.mark.parametrize(
     "code",
     [

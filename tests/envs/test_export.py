@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -25,7 +24,7 @@ from gapscope.effects.parameter import Parameter
 from gapscope.effects.severity import draw
 from gapscope.envs.engines import installed
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.texts import FORMATS, HELD, holds
+from gapscope.envs.export.plain_arm import FORMATS, HELD, holds
 
 BODIES = (
     AppliedEffect("payload", (), {"mass": 1.3, "com": [0.02, -0.01, 0.05]}),
@@ -274,27 +273,6 @@ class TestJoints:
             got, want = (np.array(getattr(x, limits)()) for x in (body, nominal))
             assert got == pytest.approx(want)
 
-    def test_sdf_is_what_sdformat_describes(self, tmp_path: Path) -> None:
-        """By the descriptions of version 1.6 with which sdformat, and so Gazebo, reads its files."""
-        homes = [*Path("/usr/share").glob("sdformat*"), Path(os.getenv("SDF_PATH", ""))]
-        folder = next((h / "1.6" for h in homes if (h / "1.6/root.sdf").exists()), None)
-        if folder is None:
-            pytest.skip("no descriptions of SDF: Debian's package sdformat-sdf")
-        description = ET.parse(folder / "root.sdf").getroot()
-        arm = iiwa(*BODIES, *DRIVES)
-        export(arm, "sdf", tmp_path / "arm.sdf")
-        root = ET.parse(tmp_path / "arm.sdf").getroot()
-        assert not list(faults(root, description, folder))
-        joint = root.findall("model/joint")[1]
-        joint.remove(joint.find("child"))
-        ET.SubElement(joint, "rotor")
-        joint.find("axis/xyz").text = "0 1"
-        assert list(faults(root, description, folder)) == [
-            "joint: unknown rotor",
-            "joint: without child",
-            "xyz: 3 numbers expected",
-        ]
-
     def test_friction_spring_and_limits_in_sdf(self, tmp_path: Path) -> None:
         arm = iiwa(*DRIVES)
         export(arm, "sdf", tmp_path / "arm.sdf")
@@ -377,18 +355,6 @@ class TestShapes:
             assert (
                 Path(name).is_absolute() != relative and (out.parent / name).is_file()
             )
-
-    def test_a_mesh_that_is_not_found_is_told(self, tmp_path: Path) -> None:
-        pytest.importorskip("pybullet_data", reason="the iiwa's meshes are there")
-        text = load_nominal_arm("kuka_iiwa").urdf.read_text()
-        (tmp_path / "robot.urdf").write_text(text)
-        missing, _ = export(
-            CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf")),
-            "mjcf",
-            tmp_path / "arm.xml",
-        )
-        assert any("link_3.obj is not found" in line for line in missing)
-        assert "link_3.obj is not found" in (tmp_path / "arm.xml").read_text()
 
     def test_a_urdf_without_its_meshes_is_read_by_pybullet(
         self, tmp_path: Path
@@ -493,34 +459,6 @@ def test_what_cannot_be_is_refused(
     with pytest.raises(InputError, match=message):
         exported(iiwa(*effects), form, tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-NUMBERS = {"double": 1, "int": 1, "pose": 6, "vector3": 3}
-
-
-def faults(element: ET.Element, description: ET.Element, folder: Path) -> Iterator[str]:
-    """What an element of an SDF file has that its description does not, and what it lacks."""
-    children, required = {}, set()
-    for child in description:
-        whole = child
-        if child.tag == "include":
-            whole = ET.parse(folder / child.attrib["filename"]).getroot()
-        if child.get("required") in ("1", "+"):
-            required.add(whole.get("name"))
-        if child.tag != "attribute":
-            children[whole.get("name")] = whole
-    attributes = {own.get("name") for own in description.findall("attribute")}
-    named = {child.tag for child in element}
-    unknown = (named - set(children)) | (set(element.keys()) - attributes)
-    yield from (f"{element.tag}: unknown {name}" for name in sorted(unknown))
-    lacking = required - named - set(element.keys())
-    yield from (f"{element.tag}: without {name}" for name in sorted(lacking))
-    values, count = (element.text or "").split(), NUMBERS.get(description.get("type"))
-    if count is not None and np.size(np.array(values, dtype=float)) != count:
-        yield f"{element.tag}: {count} numbers expected"
-    for child in element:
-        if child.tag in children:
-            yield from faults(child, children[child.tag], folder)
 
 
 class TestOwnEffect:

@@ -18,8 +18,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.friction import friction_direction
 from gapscope.effects.severity import draw
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.mjcf import TANH_ERROR
-from gapscope.envs.export.texts import HELD, holds
+from gapscope.envs.export.plain_arm import HELD, holds
 from gapscope.envs.simulated_arm import SimulatedArm
 
 mujoco = pytest.importorskip("mujoco")
@@ -127,34 +126,6 @@ def test_a_held_effect_moves_the_arm_as_it_does_in_the_simulator(
 
 
 class TestFriction:
-    def dragged(self, model: Any, speed: float) -> float:
-        """Torque that the friction of joint 3 takes at a constant speed [N m], without Coulomb and viscous friction."""
-        data = mujoco.MjData(model)
-        model.opt.gravity[:] = 0
-        for _ in range(200):
-            data.qpos[:] = 0
-            data.qvel[:] = [0, 0, speed]
-            mujoco.mj_step(model, data)
-        data.qpos[:], data.qvel[:] = 0, [0, 0, speed]
-        mujoco.mj_forward(model, data)
-        return -float(data.qfrc_actuator[2])
-
-    @pytest.mark.parametrize("speed", [-1.0, -0.05, 0.02, 0.1, 0.3])
-    def test_stribeck(self, arm: NominalArm, tmp_path: Path, speed: float) -> None:
-        """2 N m at rest, exp(-1) of it at 0.1 rad/s; a share of 1 % stays."""
-        model = load(
-            arm, (applied("stribeck_friction", 3, torque=2.0, velocity=0.1),), tmp_path
-        )
-        want = 2.0 * np.exp(-((speed / 0.1) ** 2)) * np.sign(speed)
-        assert self.dragged(model, speed) == pytest.approx(want, abs=0.021)
-
-    @pytest.mark.parametrize("speed", [-2.0, -0.3, 0.05, 0.2, 5.0])
-    def test_saturating(self, arm: NominalArm, tmp_path: Path, speed: float) -> None:
-        effect = applied("saturating_friction", 3, torque=5.0, velocity=0.2)
-        got = self.dragged(load(arm, (effect,), tmp_path), speed)
-        want = 5.0 * np.tanh(speed / 0.2)
-        assert got == pytest.approx(want, abs=5.0 * TANH_ERROR)
-
     def test_holds_a_joint_at_rest(self, arm: NominalArm, tmp_path: Path) -> None:
         """Half of its Coulomb friction turns joint 3 by less than 1e-5 rad in a second; three halves turn it away."""
         model = load(arm, (), tmp_path)
@@ -188,23 +159,6 @@ class TestFriction:
 
 
 class TestCommand:
-    def torque(self, model: Any, commands: list[float]) -> list[float]:
-        data = mujoco.MjData(model)
-        out = []
-        for value in commands:
-            data.ctrl[1] = value
-            mujoco.mj_step(model, data)
-            out.append(float(data.actuator_force[1]))
-        return out
-
-    def test_passes_a_lag_without_losing_impulse(
-        self, arm: NominalArm, tmp_path: Path
-    ) -> None:
-        """A step lacks T of its torque's impulse behind 1 / (1 + T s)."""
-        model = load(arm, (applied("actuator_lag", 2, time_constant=0.01),), tmp_path)
-        got = self.torque(model, [1.0] * 300)
-        assert PERIOD * np.sum(1.0 - np.array(got)) == pytest.approx(0.01, rel=1e-6)
-
     def test_meets_ripple_where_the_joint_truly_is(
         self, arm: NominalArm, tmp_path: Path
     ) -> None:
@@ -237,11 +191,6 @@ class TestGear:
         play = applied("backlash", 3, width=0.01)
         motor, joint = self.hung(load(arm, (spring, play), tmp_path))
         assert motor - joint == pytest.approx(0.025, abs=0.0011)
-
-    def test_meets_its_teeth(self, arm: NominalArm, tmp_path: Path) -> None:
-        play = applied("backlash", 3, width=0.01)
-        motor, joint = self.hung(load(arm, (play,), tmp_path))
-        assert motor - joint == pytest.approx(0.005, abs=1e-4)
 
     @pytest.mark.parametrize("encoder", ["motor", "joint"])
     def test_is_read_where_the_encoder_sits(

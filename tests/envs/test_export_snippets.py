@@ -6,7 +6,7 @@ import ast
 import sys
 import types
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -146,13 +146,6 @@ def snippet(
 
 
 class TestIsaacLab:
-    def test_groups_joints_by_delay_in_physics_steps(self, snippet: Any) -> None:
-        scope = snippet("isaac_lab")
-        assert scope["PHYSICS_DT"] == 0.005
-        groups = list(scope["ACTUATORS"].values())
-        assert [len(group.joint_names_expr) for group in groups] == [6, 1]
-        assert [(g.min_delay, g.max_delay) for g in groups] == [(0, 0), (2, 2)]
-
     def test_holds_friction_rotors_limits_and_gains(self, snippet: Any) -> None:
         groups = snippet("isaac_lab")["ACTUATORS"].values()
         first, late = groups
@@ -370,21 +363,6 @@ def test_what_is_not_held_is_in_the_head_and_returned(
         form in ("isaac_lab", "mjlab", "genesis")
     )
     assert all(line in head for line in left_out)
-
-
-def test_presliding_is_told_as_left_out(tmp_path: Path) -> None:
-    nominal = load_nominal_arm("kuka_iiwa")
-    bent = replace(nominal, presliding=np.array([0.0, 0.02] + [0.0] * 5))
-    (line,), _ = export(CorrectedArm(bent), "newton", tmp_path / "s.py")
-    assert "lbr_iiwa_joint_2 0.02 rad" in line and "joint_1" not in line
-
-
-def test_without_a_pd_law_gains_are_zero(
-    corrected: CorrectedArm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    export(corrected, "mjlab", tmp_path / "s.py")
-    actuators = run(tmp_path / "s.py", monkeypatch)["ACTUATORS"]
-    assert {(a.stiffness, a.damping) for a in actuators} == {(0.0, 0.0)}
 
 
 @pytest.mark.parametrize("form", ["gazebo", "ros2_control", "urdf"])

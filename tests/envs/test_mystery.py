@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.motions.trajectory import Fourier
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.envs import mystery_arm as mystery
 
@@ -41,33 +39,3 @@ def test_same_seed_same_arm(short) -> None:
     for a, b in zip(first.recordings, second.recordings, strict=True):
         np.testing.assert_array_equal(a.tau, b.tau)
         np.testing.assert_array_equal(a.q, b.q)
-
-
-def test_drawn_effects_are_varied_disjoint_and_within_bounds() -> None:
-    arm = mystery.iiwa()
-    rng = np.random.default_rng(5)
-    references = [
-        mystery._reference(rng, arm, frequency)
-        for frequency in mystery.FREQUENCIES[2:3]
-    ]
-    drawn = [mystery.draw_effects(rng, arm, references) for _ in range(12)]
-    assert len({effect.name for effects in drawn for effect in effects}) >= 5
-    for effects in drawn:
-        joints = [joint for effect in effects for joint in effect.joints]
-        assert len(joints) == len(set(joints)) and all(
-            1 <= joint <= 7 for joint in joints
-        )
-
-
-def test_motion_keeps_the_arms_limits() -> None:
-    arm = mystery.iiwa()
-    lower, upper = RigidBody(arm).position_limits()
-    t = np.linspace(0, mystery.DURATION, 2001)
-    for frequency in mystery.FREQUENCIES:
-        reference: Fourier = mystery._reference(
-            np.random.default_rng(2), arm, frequency
-        )
-        assert (reference.position(t) > lower).all() and (
-            reference.position(t) < upper
-        ).all()
-        assert (np.abs(reference.velocity(t)) <= mystery.SPEED + 1e-6).all()

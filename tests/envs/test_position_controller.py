@@ -9,11 +9,9 @@ from arms import Link, changed, written
 from gapscope.arm.case import Case
 from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError, ModelWarning
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.errors import ModelWarning
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
-from gapscope.envs.mystery_arm import POSTURE
+from gapscope.arm.velocity_filter import filter_gains
 from gapscope.envs.position_controller import (
     GAIN_MARGIN,
     LATE,
@@ -26,61 +24,6 @@ from gapscope.envs.position_controller import (
     stiffest_mode,
 )
 from gapscope.envs.recorder import Plan, record_case
-
-
-def _speed_left(stiffness: float, bandwidth: float) -> float:
-    """Speed of a pushed joint of inertia 1 after 3 s [rad/s], its torque late by ``LATE`` periods."""
-    w, dt = 2 * np.pi * bandwidth, 1 / RATE
-    filtered = VelocityFilter(
-        RATE, VELOCITY_CUTOFF, VELOCITY_DAMPING, np.zeros(1), np.zeros(1)
-    )
-    q, dq, waiting = np.zeros(1), np.full(1, 1e-3), [np.zeros(1)] * LATE
-    for _ in range(3000):
-        waiting.append(-stiffness * (w**2 * q + 1.4 * w * filtered(q)))
-        dq = dq + dt * waiting.pop(0)
-        q = q + dt * dq
-    return float(np.abs(dq[0]))
-
-
-@pytest.mark.parametrize("bandwidth", [2.0, 4.0, 8.0])
-def test_stiffest_mode_is_half_of_what_the_loop_bears(bandwidth: float) -> None:
-    """Stepped in time: a pushed joint comes to rest a little below the limit, and not a little above."""
-    limit = GAIN_MARGIN * stiffest_mode(bandwidth)
-    assert _speed_left(0.97 * limit, bandwidth) < 1e-6
-    assert not _speed_left(1.03 * limit, bandwidth) < 1.0
-
-
-def test_a_bandwidth_that_no_inertia_bears_is_refused() -> None:
-    with pytest.raises(InputError, match="bandwidth"):
-        stiffest_mode(400.0)
-
-
-def test_a_loop_of_several_joints_is_as_stable_as_its_stiffest_mode() -> None:
-    """Eigenvalues of M^-1 D stand for the joints of a loop whose gains are proportional to D."""
-    rng = np.random.default_rng(0)
-    root = rng.standard_normal((3, 3))
-    mass, inertia = root @ root.T + np.eye(3), rng.uniform(0.5, 2.0, 3)
-    estimate = filter_gains(RATE, VELOCITY_CUTOFF, VELOCITY_DAMPING)
-
-    def radius(mass: np.ndarray, inertia: np.ndarray) -> float:
-        law = PD(rate=RATE, kp=4e3 * inertia, kd=120.0 * inertia)
-        loop = SampledLoop(law, 1 / RATE, estimate, late=2)
-        return loop.spectral_radius(mass, np.zeros(len(mass)))
-
-    modes = np.linalg.eigvals(np.linalg.solve(mass, np.diag(inertia))).real
-    alone = [radius(np.eye(1), np.array([mode])) for mode in modes]
-    assert radius(mass, inertia) == pytest.approx(max(alone), abs=1e-9)
-
-
-def test_rotors_in_the_data_sheet_leave_the_gains_on_the_own_inertia(
-    data_sheet_arm: NominalArm,
-) -> None:
-    own = (
-        np.diag(RigidBody(data_sheet_arm).mass_matrix(POSTURE))
-        + data_sheet_arm.armature
-    )
-    controller = position_controller(data_sheet_arm, POSTURE)
-    assert controller.kp == pytest.approx((2 * np.pi * 4) ** 2 * own, rel=6e-3)
 
 
 @pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")

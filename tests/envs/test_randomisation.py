@@ -3,17 +3,13 @@
 import numpy as np
 import pytest
 
-gym = pytest.importorskip(
-    "gymnasium", reason="the environment needs gymnasium, a dependency of the package"
-)
-
-from gapscope.arm.errors import InputError  # noqa: E402
-from gapscope.arm.nominal import NominalArm  # noqa: E402
-from gapscope.effects.applied import AppliedEffect  # noqa: E402
-from gapscope.effects.arm_scale import ArmScale  # noqa: E402
-from gapscope.effects.catalogue import CATALOGUE  # noqa: E402
-from gapscope.envs.environment import ArmTracking  # noqa: E402
-from gapscope.envs.randomisation import Randomisation, RandomiseEffects, draw_effects  # noqa: E402
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.envs.environment import ArmTracking
+from gapscope.envs.randomisation import Randomisation, RandomiseEffects, draw_effects
 
 
 def _draw(arm: NominalArm, seed: int, **options: object) -> tuple[AppliedEffect, ...]:
@@ -134,10 +130,6 @@ def test_bad_requests_are_refused(options: dict, message: str) -> None:
         Randomisation(**options)
 
 
-def test_one_name_may_stand_alone() -> None:
-    assert Randomisation("payload").names == ("payload",)
-
-
 def test_a_wrapper_wants_a_randomisation() -> None:
     env = ArmTracking()
     with pytest.raises(
@@ -145,8 +137,3 @@ def test_a_wrapper_wants_a_randomisation() -> None:
     ):
         RandomiseEffects(env, "payload")
     env.close()
-
-
-def test_a_joint_that_the_arm_lacks_is_refused(data_sheet_arm: NominalArm) -> None:
-    with pytest.raises(InputError, match="joint 8 of an arm with 7 joints"):
-        _draw(data_sheet_arm, 0, joints=[8])

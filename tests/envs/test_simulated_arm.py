@@ -10,10 +10,6 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.simulated_arm import SimulatedArm
 
-PAYLOAD = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.05, 0.02, 0.1]})
-
-TOOL = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.0, 0.1]})
-
 
 def _accelerations(engine: SimulatedArm, rng: np.random.Generator, samples: int = 40):
     """Random states, torques and the accelerations that the engine makes of them."""
@@ -54,18 +50,6 @@ def test_load_friction_sticks_up_to_its_share_of_the_motor_torque(
         for _ in range(100):
             engine.step(np.array([-torque]))
         assert (-np.sign(engine.q[0]) if abs(engine.q[0]) > 1e-6 else 0) == moves
-
-
-def test_worlds_do_not_disturb_each_other(bare_arm: NominalArm) -> None:
-    with SimulatedArm(bare_arm) as first, SimulatedArm(bare_arm, (PAYLOAD,)) as second:
-        for _ in range(10):
-            first.step(np.zeros(7))
-            second.step(np.zeros(7))
-        with SimulatedArm(bare_arm) as alone:
-            for _ in range(10):
-                alone.step(np.zeros(7))
-            np.testing.assert_array_equal(first.q, alone.q)
-        assert np.abs(second.q - first.q).max() > 1e-6
 
 
 def test_columns_in_another_order_and_locked_joints(bare_arm: NominalArm) -> None:

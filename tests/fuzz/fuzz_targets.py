@@ -136,9 +136,9 @@ WEIGHTS = ("policy.zip", "normalisation.npz")
 
 
 def make_agent(folder: Path) -> None:
-    from gapscope.agents.training.learner import make_learner, write_weights
     from gapscope.agents.training.policy import _Spaces
     from gapscope.agents.training.task import Normalisation
+    from gapscope.agents.training.training_loop import make_learner, write_weights
     from gapscope.agents.training.training_settings import TrainingSettings
 
     settings = TrainingSettings(network=(2,), environments=1)

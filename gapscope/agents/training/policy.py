@@ -13,9 +13,13 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from gapscope.agents.models import AgentModel
-from gapscope.agents.training.learner import make_learner, read_weights
 from gapscope.agents.training.task import LARGEST, Normalisation, Task
-from gapscope.agents.training.training_loop import NORMALISATION, Trained
+from gapscope.agents.training.training_loop import (
+    NORMALISATION,
+    Trained,
+    make_learner,
+    read_weights,
+)
 from gapscope.agents.training.training_settings import TrainingSettings, from_plain
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -30,7 +34,7 @@ from gapscope.arm.io.json_file import field, read_json, schema_fault, write_json
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import control
-from gapscope.envs.episode import LOOK_AHEAD, SUB_STEPS, TIME_STEP
+from gapscope.envs.environment import LOOK_AHEAD, SUB_STEPS, TIME_STEP
 from gapscope.provenance import library_versions, sha256
 
 POLICY, DOCUMENT = "policy.zip", "agent.json"

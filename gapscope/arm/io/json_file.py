@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.input_file import read_text
 from gapscope.arm.io.atomic_write import atomic_write
 
@@ -132,3 +132,28 @@ def write_json(content: Any, path: Path | str, *, private: bool = False) -> None
     with atomic_write(path) as aside:
         aside.touch(mode=0o600 if private else 0o644)
         aside.write_text(text, encoding="utf-8")
+
+
+def check_document(content: Any, name: str) -> None:
+    """Check a plain document, ``NAME.json``, against its schema.
+
+    Raises:
+        GapscopeError: a field is missing or has a wrong value; the message names the field.
+    """
+    fault = schema_fault(content, name)
+    if fault is not None:
+        raise GapscopeError(
+            f"{name}.json, field {field(fault.absolute_path) or 'at the top'}: {fault.message}",
+            f"gapscope/schemas/{name}.schema.json describes the format",
+        )
+
+
+def write_document(content: Mapping[str, Any], path: Path | str, name: str) -> None:
+    """Write a document, plain or not, by its schema; ``path`` never holds half of one; what is not finite is null.
+
+    Raises:
+        GapscopeError: the document is not valid, or ``path`` cannot be written.
+    """
+    found = plain(content, null_if_not_finite=True)
+    check_document(found, name)
+    write_json(found, path)

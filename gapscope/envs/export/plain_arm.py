@@ -5,15 +5,20 @@ A drive is what acts between the command and the body of a joint, nominal values
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jinja2
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from gapscope.arm.dynamics.inertials import odd_inertials
 from gapscope.arm.dynamics.link_shapes import (
     Frame,
     PlacedShape,
@@ -25,12 +30,19 @@ from gapscope.arm.dynamics.plain_urdf import (
     check_inertia,
     link_name,
     moving_links,
+    numbers,
     rotation,
 )
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import FRICTION_SMOOTHING, NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import usual_load
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import LinkChange
+from gapscope.effects.effect import Effect, LinkChange
 from gapscope.envs.drive.arm_drive import least_inertia, mass_matrices, teeth
+
+# What a file for another simulator is written from: the bodies of a corrected arm, and the drive of each joint.
+
 
 PASSIVE = ("friction", "damping", "rotor")
 """Quantities of a drive that may not be negative in total."""
@@ -225,3 +237,251 @@ def mesh_path(mesh: Path, out: Path, relative: bool) -> str:
     if not relative:
         return mesh.resolve().as_posix()
     return Path(os.path.relpath(mesh.resolve(), out.resolve().parent)).as_posix()
+
+
+# What exported files say: their templates, the comment at their head, and what a format cannot hold of an arm.
+
+
+TEMPLATES = Path(__file__).parent / "templates"
+LONGEST = 100
+"""Characters of a line of Python, beyond which a dict takes several."""
+FORMATS = ("urdf", "mjcf", "sdf")
+"""Formats that can be written."""
+EVERYWHERE = {"body", "load", "gravity", "friction", "damping", "limit", "zero"}
+"""Quantities that every format holds."""
+GEAR = {"gear_stiffness", "gear_damping", "play"}
+"""Quantities between a joint and a motor of its own, which needs a rotor."""
+HELD = {
+    "urdf": EVERYWHERE,
+    "sdf": EVERYWHERE | {"stiffness", "rest"},
+    "mjcf": EVERYWHERE
+    | {"stiffness", "rest", "rotor", "delay", "lag", "scale", "offset"}
+    | {"breakaway", "breakaway_speed", "saturating", "saturating_speed"}
+    | {"ripple", "ripple_cycles", "ripple_phase"}
+    | {"motor_friction", "motor_damping", "motor_rotor"}
+    | GEAR,
+}
+"""Quantities that a format holds."""
+
+NOT_FOUND = "is not found"
+"""How it ends what is said of a mesh that is not there."""
+
+
+def rendered(template: str, **content: Any) -> str:
+    """Text of a file of ``templates``; those of XML escape what they are given."""
+    return _templates().get_template(template).render(**content)
+
+
+@cache
+def _templates() -> jinja2.Environment:
+    made = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=lambda name: ".xml." in (name or ""),
+    )
+    made.filters |= {
+        "number": number,
+        "pair": pair,
+        "table": table,
+        "quoted": quoted,
+        "exact": lambda value: repr(float(value)),
+        "numbers": numbers,
+        # position [m] and roll, pitch, yaw [rad] of a position and a rotation matrix
+        "pose": lambda place: numbers(
+            np.r_[place[0], Rotation.from_matrix(place[1]).as_euler("xyz")]
+        ),
+        # MuJoCo writes the real part first
+        "quaternion": lambda turn: numbers(
+            np.roll(Rotation.from_matrix(turn).as_quat(), 1)
+        ),
+    }
+    made.globals |= {"inf": np.inf, "friction_smoothing": FRICTION_SMOOTHING}
+    return made
+
+
+def number(value: float) -> str:
+    """A number as Python and YAML read it, with six digits; infinity as ``float("inf")``."""
+    if not np.isfinite(value):
+        return 'float("inf")'
+    return repr(float(f"{value:.6g}"))
+
+
+def pair(ends: tuple[float, float]) -> str:
+    """Two numbers in parentheses."""
+    return f"({number(ends[0])}, {number(ends[1])})"
+
+
+def quoted(name: str) -> str:
+    """A name as Python and YAML read it."""
+    return json.dumps(name, ensure_ascii=False)
+
+
+def table(values: Mapping[str, Any], indent: int = 0) -> str:
+    """A dict in Python with a number or pair for each name, a line each if it is long.
+
+    Args:
+        values: the numbers or pairs.
+        indent: of the line on which it begins.
+    """
+    items = [
+        f"{quoted(name)}: {pair(value) if isinstance(value, tuple) else number(value)}"
+        for name, value in values.items()
+    ]
+    line = "{" + ", ".join(items) + "}"
+    if len(line) + indent <= LONGEST:
+        return line
+    rows = "".join(f"{' ' * (indent + 4)}{item},\n" for item in items)
+    return "{\n" + rows + " " * indent + "}"
+
+
+def heading(arm: PlainArm, form: str, more: tuple[str, ...], relative: bool) -> str:
+    """Text of the comment.
+
+    Args:
+        arm: the arm.
+        form: the format.
+        more: what the writer of the format has to say beyond what is left out.
+        relative: whether meshes are named from the folder of the file.
+    """
+    lines = [
+        f"Corrected arm of {arm.body.file.name}, written by gapscope export; SI units. {effects_line(arm)}",
+        f"Simulate it under gravity of {arm.gravity:g} m/s^2 along -z of the world"
+        + (", as the base is turned into it." if not arm.upright else "."),
+        f"Meshes are named by paths {'from the folder of this file' if relative else 'from the root of the disk'}.",
+    ]
+    missing = [*left_out(arm, form), *more]
+    lines += (
+        ["Left out:", *(f"  {line}" for line in missing)]
+        if missing
+        else ["Nothing is left out."]
+    )
+    if odd := remarks(arm):
+        lines += [
+            "Odd, and some simulators change such inertias:",
+            *(f"  {line}" for line in odd),
+        ]
+    return xml_comment(lines)
+
+
+def effects_line(arm: PlainArm) -> str:
+    """Which effects an exported arm has."""
+    names = ", ".join(dict.fromkeys(e.name for e in arm.corrected.effects))
+    return f"Effects: {names or 'none'}."
+
+
+def xml_comment(lines: Sequence[str]) -> str:
+    """Lines as the text of a comment of XML."""
+    text = "\n".join(lines)
+    while "--" in text:  # which it may not hold
+        text = text.replace("--", "- -")
+    return f"\n{text}\n"
+
+
+def holds(held: Collection[str], effect: Effect) -> bool:
+    """Whether what has these quantities has the whole effect, all of whose parameters are some of them."""
+    return all(effect.quantities.get(name) in held for name in effect.names)
+
+
+def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
+    """What a file of this format leaves out of a corrected arm, in words and figures."""
+    corrected = arm.corrected
+    more: list[str] = []
+    # rotors are told in total, nominal and found
+    held = HELD[form] | {"rotor"}
+    lines = [
+        described(e, corrected.arm)
+        for e in corrected.effects
+        if not holds(held, e.effect)
+    ]
+    gear, rotors, distances = (
+        arm.drives[name].to_numpy() for name in ("gear", "rotor", "presliding")
+    )
+    if form == "mjcf":
+        for applied in corrected.effects:
+            rigid = [joint for joint in applied.joints if not gear[joint - 1]]
+            if rigid and not GEAR.isdisjoint(applied.effect.quantities.values()):
+                lines.append(
+                    f"{applied.name}{_joints(rigid)}: a motor of its own needs a rotor; give nominal.armature in the "
+                    "data sheet, or add the effect armature"
+                )
+        if (arm.drives["velocity"] < np.inf).any():
+            more.append("velocity limits of the joints: MuJoCo knows none")
+    else:
+        if rotors.any():
+            lines.append(
+                f"armature (nominal and found), joints in order: inertia {_figures(rotors)} kg m^2"
+            )
+        if distances.any():
+            lines.append(
+                f"presliding, joints in order: distance {_figures(distances)} rad (friction of the file sets in at "
+                "once)"
+            )
+    if corrected.residual is not None:
+        lines.append("residual network: it predicts torque and moves nothing")
+    if corrected.arm.encoder_step:
+        lines.append(
+            f"resolution of the encoders: {corrected.arm.encoder_step:.4g} rad"
+        )
+    # of a URDF the elements stay as they are, if their mesh is in a package that may be elsewhere
+    kept = [
+        form == "urdf" and x.endswith(NOT_FOUND) and "://" in x for x in arm.missing
+    ]
+    ends = (", its name is kept" if name_kept else "" for name_kept in kept)
+    shapes = (x + end for x, end in zip(arm.missing, ends, strict=True))
+    return (*lines, *more, *shapes)
+
+
+def remarks(arm: PlainArm) -> tuple[str, ...]:
+    """Implausible bodies, a sentence each, with the file's name instead of its path."""
+    return tuple(
+        note.replace(str(arm.body.file), arm.body.file.name)
+        for note in odd_inertials(arm.body)
+    )
+
+
+def described(applied: AppliedEffect, arm: NominalArm, hint: str | None = None) -> str:
+    """An effect on an arm with its joints and values, and what to do about it where it is left out.
+
+    Args:
+        applied: the effect.
+        arm: the nominal arm.
+        hint: what to do, in place of what holds for every format.
+    """
+    values = "; ".join(
+        f"{p.name} {_figures(applied.parameters[p.name])}"
+        + ("" if p.unit == "1" else f" {p.unit}")
+        for p in applied.effect.parameters
+    )
+    nearest = nearest_friction(CorrectedArm(arm, (applied,)))
+    if not hint and nearest.any():
+        figures = _figures(nearest[np.array(applied.joints) - 1])
+        hint = (
+            f"nearest: Coulomb friction higher by {figures} N m, the coefficient times the RMS of the load over all "
+            "postures; better, times the load of your motion"
+        )
+    hint = hint or applied.effect.without
+    end = f" ({hint})" if hint else ""
+    return f"{applied.name}{_joints(applied.joints)}: {values}{end}"
+
+
+def nearest_friction(corrected: CorrectedArm) -> np.ndarray:
+    """Coulomb friction that takes as much as friction by load does from motors that carry the usual load [N m], (n,).
+
+    That is the RMS of gravity and dry friction over all postures.
+    """
+    factor = corrected.quantity("load_factor")
+    return factor * usual_load(corrected.arm) if factor.any() else factor
+
+
+def _joints(numbers: Collection[int]) -> str:
+    """Joints of an effect, as they follow its name; empty without any."""
+    if not numbers:
+        return ""
+    return f", joint{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
+
+
+def _figures(values: np.ndarray) -> str:
+    return ", ".join(f"{value:.6g}" for value in np.atleast_1d(values).tolist())

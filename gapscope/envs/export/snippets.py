@@ -22,12 +22,13 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
 from gapscope.envs.effect_ranges import EffectRanges, write_effect_ranges
-from gapscope.envs.export.plain_arm import PlainArm, joint_drives
-from gapscope.envs.export.texts import (
+from gapscope.envs.export.plain_arm import (
     TEMPLATES,
+    PlainArm,
     described,
     effects_line,
     holds,
+    joint_drives,
     rendered,
     xml_comment,
 )

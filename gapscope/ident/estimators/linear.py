@@ -13,8 +13,13 @@ from scipy.stats import norm
 from gapscope.arm.errors import InputError
 from gapscope.arm.root_mean_square import rms
 from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH, Factor
-from gapscope.ident.model.friction import FOLDS, stretches
-from gapscope.ident.samples import Problem, check_samples, unit_warnings
+from gapscope.ident.samples import (
+    FOLDS,
+    Problem,
+    check_samples,
+    stretches,
+    unit_warnings,
+)
 from gapscope.model.effective_samples import group_slices, variance_inflation
 
 # The result of an estimator, and its interface.

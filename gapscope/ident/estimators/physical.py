@@ -48,7 +48,7 @@ class Bodies(Protocol):
     ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
         """Pi, (p,), its covariance, (p, p), and warnings, by white equations of shape (M, p) and (M,).
 
-        Minimises |z - A pi|^2 / 2 + weight pull(pi); the weight counts equations. ``prior`` is pi_0, (p,), and
+        Minimises |z - A pi|^2 / 2 + pull(pi), which counts as an equation. ``prior`` is pi_0, (p,), and
         ``names`` are those of pi: the first ten parameters of each link, then others.
         """
 
@@ -111,14 +111,13 @@ def log_cholesky(
     torque: np.ndarray,
     prior: np.ndarray,
     names: Sequence[str],
-    weight: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Gauss-Newton in a trust region over theta, with the pull |(theta - theta_0) / unit|^2 / 2; see ``Bodies``.
 
     Every theta is a physical body, see ``gapscope.ident.model.physical_parameters.from_log_cholesky``; other parameters
     stay as they are, those of friction and rotors at 0 or above. theta_0 is that of the prior, where the search
     starts too. Its units are 1 for the logarithms and the radius of gyration for the lengths. The covariance is that
-    of the linearisation, P (J^T J + weight U^-2)^-1 P^T with P = d pi / d theta.
+    of the linearisation, P (J^T J + U^-2)^-1 P^T with P = d pi / d theta.
 
     Source: rucker2022.
     """
@@ -127,7 +126,7 @@ def log_cholesky(
     centre = np.append(to_log_cholesky(links), others)
     # the first four coordinates are logarithms, the other six lengths
     units = _units(prior, _radius(links) ** np.repeat([0, 1], [4, 6]))
-    pull = np.sqrt(weight) / units
+    pull = 1 / units
     lower = np.full(len(centre), -np.inf)
     lower[not_negative(names)] = 0.0
 
@@ -165,14 +164,13 @@ def semidefinite(
     torque: np.ndarray,
     prior: np.ndarray,
     names: Sequence[str],
-    weight: float = 1.0,
     entropic: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """A semidefinite programme: every link's J positive definite and friction not negative; see ``Bodies``.
 
     The pull is sum ((pi - pi_0) / unit)^2 / 2 (units mass, mass times radius of gyration, mass times its square), or,
     if it is entropic, per link tr(J J_0^-1) - log det(J J_0^-1) - 4, which does not depend on the frame and keeps off
-    the edge of what is physical; other parameters are pulled the first way. The covariance (R^T R + weight H)^-1, H the
+    the edge of what is physical; other parameters are pulled the first way. The covariance (R^T R + H)^-1, H the
     pull's Hessian, does not count the information of the constraints.
 
     Raises:
@@ -184,7 +182,7 @@ def semidefinite(
     links = prior[: 10 * count].reshape(-1, 10)
     powers = np.repeat([0, 1, 2], [1, 3, 6])
     units = _units(prior, links[:, :1] * _radius(links) ** powers)
-    pulls = np.full(len(units), np.sqrt(weight))
+    pulls = np.ones(len(units))
     if entropic:
         pulls[: links.size] = 0.0
     value = possible_least_squares(
@@ -194,7 +192,7 @@ def semidefinite(
         prior,
         count,
         not_negative(names),
-        weight if entropic else 0.0,
+        float(entropic),
     )
     precision = matrix.T @ matrix + np.diag((pulls / units) ** 2)
     if entropic:
@@ -203,7 +201,7 @@ def semidefinite(
             # second derivative of -log det J: tr(J^-1 B_k J^-1 B_l)
             turned = np.linalg.inv(pseudo_inertia(value[own])) @ BASIS
             curvature = np.einsum("kab,lba->kl", turned, turned)
-            precision[own, own] += weight * curvature
+            precision[own, own] += curvature
     scale = 1 / np.sqrt(np.diag(precision))
     outer = np.outer(scale, scale)
     inverse = np.linalg.pinv(precision * outer, hermitian=True) * outer

@@ -385,7 +385,6 @@ def _iterated(
     problem: Problem,
     experiment: Experiment,
     goal: Callable[[Simulated], np.ndarray],
-    iterations: int,
 ) -> tuple[Simulated, bool]:
     """Repeat the recordings, beta by beta, until the simulated torque stays; and whether it does.
 
@@ -409,7 +408,7 @@ def _iterated(
 
     with _divergence(0):
         now = simulated(experiment.start)
-    for iteration in range(1, iterations + 1):
+    for iteration in range(1, ITERATIONS + 1):
         before, step = now, goal(now) - now.beta
         for k in range(HALVINGS):
             last = k == HALVINGS - 1
@@ -461,9 +460,7 @@ def _estimate(
 # DIDIM: direct and inverse dynamic identification; only the torque is compared, the motion is simulated.
 
 
-def direct_inverse(
-    problem: Problem, experiment: Experiment, iterations: int = ITERATIONS
-) -> Estimate:
+def direct_inverse(problem: Problem, experiment: Experiment) -> Estimate:
     """Gauss-Newton on measured minus simulated torque, with the simulated motion's regressor as Jacobian.
 
     beta <- beta + argmin |S^-1/2 (tau - tau_s(beta) - W_s(beta) d)|, tau_s the torque of the closed loop simulated with
@@ -488,7 +485,7 @@ def direct_inverse(
         flat = matrix.reshape(residual.size, -1)
         return now.beta + np.linalg.lstsq(flat, residual.ravel(), rcond=None)[0]
 
-    now, settled = _iterated(problem, experiment, goal, iterations)
+    now, settled = _iterated(problem, experiment, goal)
     warnings = experiment.warnings + (() if settled else (f"DIDIM {NOT_SETTLED}",))
     matrix, residual = weighted(now)
     equations = matrix, matrix, residual, problem.group
@@ -498,9 +495,7 @@ def direct_inverse(
 # IDIM-IV: the inverse dynamic model with instruments from a simulated, noise-free motion.
 
 
-def instrumental_variables(
-    problem: Problem, experiment: Experiment, iterations: int = ITERATIONS
-) -> Estimate:
+def instrumental_variables(problem: Problem, experiment: Experiment) -> Estimate:
     """beta <- (Z^T S^-1 W)^-1 Z^T S^-1 tau, with Z the regressor of the closed loop simulated with the beta before.
 
     W is made from measured positions, whose noise enters their derivatives and, through the controller, the torque;
@@ -521,7 +516,7 @@ def instrumental_variables(
         scale = np.sqrt(np.abs(own))
         return np.linalg.solve(gram / np.outer(scale, scale), right / scale) / scale
 
-    now, settled = _iterated(problem, experiment, goal, iterations)
+    now, settled = _iterated(problem, experiment, goal)
     warnings = experiment.warnings + (() if settled else (f"IDIM-IV {NOT_SETTLED}",))
     beta = goal(now) if settled else now.beta
     residual = problem.residual(beta)

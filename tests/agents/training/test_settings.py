@@ -9,7 +9,6 @@ import pytest
 from gapscope.agents.training.training_settings import (
     ALGORITHMS,
     RESIDUAL,
-    TrainingSettings,
     from_plain,
     read_settings,
 )
@@ -31,12 +30,6 @@ def test_no_more_steps_than_asked() -> None:
     assert read_settings(RESIDUAL, steps=16_384).rounds == 2
     assert read_settings(RESIDUAL, steps=5000).total == 4096
     assert read_settings(RESIDUAL, steps=10).total == 1024
-
-
-def test_randomisation_is_over_what_a_diagnosis_can_find() -> None:
-    assert TrainingSettings().randomisation is None
-    found = TrainingSettings().randomised().randomisation
-    assert found is not None and "payload" in found.names
 
 
 @pytest.mark.parametrize(

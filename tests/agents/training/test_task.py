@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from cases import limits, motion_of
 
-from gapscope.agents.models import ArmModel, Gravity
-from gapscope.agents.training.task import Task, held_out, idle, judge
+from gapscope.agents.models import ArmModel
+from gapscope.agents.training.task import Task, idle, judge
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
@@ -119,22 +119,11 @@ def test_simulator_follows_the_models_inverse_dynamics(
     env.reset(seed=0, options={"motion": reference})
     expected = ArmModel(task.believed).series(seen)[:1001:20] / env.setup.control.rated
     np.testing.assert_allclose(
-        env.unwrapped._course.planned[:, -1:], expected, atol=1e-9
+        env.unwrapped._course.planned[:-1, -1:], expected, atol=1e-9
     )
     env.close()
     alone = task.trials(settings, 1)
     assert judge(alone, idle(alone), [("own", reference)]).joint_error < 4e-4
-
-
-def test_a_model_that_is_wrong_about_the_hidden_arm_leaves_an_error(
-    files: dict[str, str], arm: NominalArm
-) -> None:
-    settings, errors = short(), {}
-    for name in ("nominal", "corrected"):
-        env = Task.of(files[name], arm, EFFECTS).trials(settings, 1, hidden=True)
-        motions = held_out(settings, env.setup.space)
-        errors[name] = judge(env, idle(env), motions).joint_error
-    assert errors["corrected"] < 0.1 * errors["nominal"]
 
 
 def test_the_network_acts_in_the_simulator(
@@ -155,24 +144,6 @@ def test_the_network_acts_in_the_simulator(
         )
         errors.append(judge(env, idle(env), [("own", reference)]).joint_error)
     assert errors[0] < 0.1 * errors[1]
-
-
-def test_gravity_and_pd_train_on_the_nominal_arm(arm: NominalArm) -> None:
-    assert (
-        isinstance(Task.of("gravity", arm).model(), Gravity)
-        and Task.of("pd", arm).model() is None
-    )
-    assert Task.of("gravity", arm).believed.arm is arm
-
-
-def test_randomisation_does_not_change_the_motion(arm: NominalArm) -> None:
-    task, starts = Task.of("nominal", arm), []
-    for settings in (short(), short(randomise=("payload",), count=(1, 1))):
-        env = task.simulator(settings)
-        env.reset(seed=4)
-        starts.append(env.unwrapped._course.q)
-        env.close()
-    np.testing.assert_array_equal(*starts)
 
 
 def test_what_is_unknown_is_drawn_around_a_model(

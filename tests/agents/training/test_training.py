@@ -19,7 +19,6 @@ from gapscope.agents.training.policy import (
 from gapscope.agents.training.task import Task, held_out, idle, judge
 from gapscope.agents.training.training_loop import (
     CHECKPOINTS,
-    EVENTS,
     WEIGHTS,
     Training,
     read_checkpoint,
@@ -153,23 +152,6 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
     same(tmp_path / "whole", tmp_path / "parts")
 
 
-@pytest.mark.slow
-@pytest.mark.nightly
-def test_processes_of_their_own_change_nothing(task: Task, tmp_path: Path) -> None:
-    for parallel in (False, True):
-        Training(
-            task, short(steps=256, parallel=parallel), tmp_path / str(parallel)
-        ).run()
-    same(tmp_path / "False", tmp_path / "True")
-
-
-def test_another_seed_is_another_agent(task: Task, tmp_path: Path) -> None:
-    for seed in (0, 1):
-        Training(task, short(steps=256, seed=seed), tmp_path / str(seed)).run()
-    with pytest.raises(AssertionError):
-        same(tmp_path / "0", tmp_path / "1")
-
-
 def test_hidden_effects_do_not_reach_training(arm: NominalArm, tmp_path: Path) -> None:
     for name, hidden in (("none", ()), ("payload", (PAYLOAD,))):
         Training(Task.of("pd", arm, hidden), short(), tmp_path / name).run()
@@ -208,12 +190,6 @@ def test_what_is_not_installed_is_told(
     monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(InputError, match=rf"{name}(.|\n)*gapscope\[learn\]"):
         Training(task, short(), tmp_path)
-
-
-def test_events_are_written(task: Task, tmp_path: Path) -> None:
-    pytest.importorskip("tensorboard")
-    Training(task, short(steps=256), tmp_path).run()
-    assert list((tmp_path / EVENTS).glob("events.*"))
 
 
 def test_an_agent_is_read_back_and_checked(

@@ -45,21 +45,6 @@ def test_stribeck_friction_breaks_away_and_slides_on(pendulum) -> None:
         assert simulated.dq - before == pytest.approx([0.1 * 0.9 / 0.55], rel=1e-3)
 
 
-def test_drift_fades_with_the_time_of_the_recording(pendulum) -> None:
-    """2 N m (1 + exp(-t / 5 s)) and 1 N m s/rad likewise: at 10 rad/s the brake torque is 12 (1 + exp(-t / 5 s))."""
-    arm = replace(pendulum(coulomb=2.0, viscous=1.0), gravity=np.zeros(3))
-    drift = AppliedEffect(
-        "friction_drift", (1,), {"amplitude": [1.0], "time_constant": [5.0]}
-    )
-    with SimulatedArm(arm, (drift,)) as simulated:
-        for t in (0.0, 5.0, 60.0):
-            simulated.reset(np.zeros(1), np.array([10.0]), time=t)
-            simulated.step(np.zeros(1))
-            assert (10.0 - simulated.dq) * 0.55e3 == pytest.approx(
-                [12.0 * (1 + np.exp(-t / 5.0))], rel=5e-3
-            )
-
-
 FRICTION = [name for name, effect in CATALOGUE.items() if effect.family == "friction"]
 
 

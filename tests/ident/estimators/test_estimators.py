@@ -20,10 +20,8 @@ from problems import (
 )
 from scipy.signal import lfilter
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.estimators.by_name import METHODS, Given, method
 from gapscope.ident.estimators.linear import (
@@ -34,7 +32,6 @@ from gapscope.ident.estimators.linear import (
     maximum_likelihood,
     ordinary_least_squares,
     partial_update,
-    prior_spread,
     ridge,
     total_least_squares,
     truncated_svd,
@@ -47,16 +44,13 @@ from gapscope.ident.estimators.physical import (
     semidefinite,
 )
 from gapscope.ident.estimators.simulating import Experiment
-from gapscope.ident.intervals import held_out
 from gapscope.ident.model.base_parameters import (
     BaseParameters,
-    base_parameters,
     structural_base,
 )
-from gapscope.ident.model.physical_parameters import check_links, inconsistent
+from gapscope.ident.model.physical_parameters import check_links
 from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import Problem, unit_warnings
-from gapscope.model.conditioning import low_pass
 
 PRIOR = 1.1 * TRUTH
 PLAIN = ("well conditioned", "correlated noise")
@@ -189,15 +183,6 @@ def test_held_out_motions_choose_what_another_motion_bears(
     assert np.abs(make(clear, prior).value - TRUTH).max() < 0.02
 
 
-def test_as_many_directions_as_asked() -> None:
-    given = well_conditioned(np.random.default_rng(0))
-    estimate = truncated_svd(given, PRIOR, 0)
-    np.testing.assert_array_equal(estimate.value, PRIOR)
-    whole = truncated_svd(given, PRIOR, 4)
-    plain = partial(weighted_least_squares, rounds=1)(given)
-    np.testing.assert_allclose(whole.value, plain.value, atol=1e-9)
-
-
 class TestByHand:
     def test_line_through_three_points(self) -> None:
         """tau = 1, 2, 4 at w = 1, 2, 3: beta = 17 / 14, residual 21 - 17^2 / 14 = 5 / 14, variance 5 / 28 / 14."""
@@ -254,12 +239,6 @@ def test_what_cannot_be_solved_is_refused(claim: Claim, kind: str) -> None:
         pytest.skip("it stays near a prior")
     with pytest.raises(InputError, match=message):
         claim.estimator(make(np.random.default_rng(0)))
-
-
-def test_maximum_likelihood_with_fewer_samples_than_joints() -> None:
-    W = np.random.default_rng(0).standard_normal((3, 3, 2))
-    with pytest.raises(InputError, match="noise of 3 joints"):
-        maximum_likelihood(problem(W, W @ np.ones(2)))
 
 
 @pytest.mark.parametrize(("factor", "size"), [(1000.0, "large"), (0.01, "small")])
@@ -345,13 +324,6 @@ def test_bodies_are_physical_and_friction_is_not_negative(
     assert (value[10 * LINKS : 13 * LINKS] >= 0).all()
 
 
-def test_ordinary_least_squares_gives_bodies_that_cannot_be(small: Small) -> None:
-    """Otherwise the test above shows nothing: the same data, spread over standard parameters, give no bodies."""
-    beta = ordinary_least_squares(small.sampled(3.0, samples=60)).value
-    value = small.base.nearest(beta, small.regressor.nominal())
-    assert inconsistent(check_links(value[: 10 * LINKS]))
-
-
 @EACH_BODIES
 def test_without_noise_the_torque_is_explained(small: Small, bodies: Bodies) -> None:
     given = small.sampled(0.0)
@@ -370,17 +342,6 @@ def test_with_noise_other_torque_is_predicted_better_than_without_constraints(
         for estimator in (near(small, bodies), ordinary_least_squares)
     )
     assert own < 0.7 * plain
-
-
-@EACH_BODIES
-def test_what_data_do_not_tell_comes_from_the_prior(
-    small: Small, bodies: Bodies
-) -> None:
-    """The mass of link 1, about a vertical axis, never shows in the torque; its prior is 1.1 of the truth."""
-    given, prior = small.sampled(0.1), 1.1 * small.regressor.nominal()
-    assert bodies_of(small, bodies, given)[0] == pytest.approx(prior[0], rel=0.1)
-    strong = bodies_of(small, partial(bodies, weight=1e12), given)[: 10 * LINKS]
-    np.testing.assert_allclose(strong, prior[: 10 * LINKS], rtol=1e-2, atol=1e-2)
 
 
 @EACH_BODIES
@@ -456,21 +417,6 @@ def test_intervals_hold_the_truth(name: str) -> None:
     assert 0.88 <= np.mean(hits) <= 1.0
 
 
-def test_an_interval_is_its_own_estimators() -> None:
-    """With outliers Huber's estimate is far more exact than least squares, and says so."""
-    base, given = (
-        BaseParameters(("a", "b", "c"), np.arange(3), np.eye(3)),
-        of_three(0, outliers=True),
-    )
-    width = {}
-    for name in ("ols", "irls"):
-        estimator = METHODS[name].make(given_by(base))
-        width[name] = (
-            METHODS[name].interval(given, estimator, estimator(given)).deviation
-        )
-    assert (width["irls"] < 0.5 * width["ols"]).all()
-
-
 def test_unknown_name() -> None:
     with pytest.raises(InputError, match="unknown estimator 'magic'") as caught:
         method("magic")
@@ -480,105 +426,13 @@ def test_unknown_name() -> None:
 # Partial update: a simulated iiwa's parameters carried over to an arm with other friction and masses 10 % larger.
 
 
-IIWA = {
-    "armature": [0.6, 0.6, 0.35, 0.35, 0.2, 0.1, 0.08],
-    "coulomb": [3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5],
-    "viscous": [4.0, 4.0, 2.5, 2.5, 1.5, 1.0, 0.6],
-}
-RATE = 50.0
-NOISE = 0.05
-
-
-@dataclass(frozen=True)
-class Transfer:
-    """A simulated arm as prior, and the real arm."""
-
-    regressor: Regressor
-    base: BaseParameters
-    prior: np.ndarray
-    truth: np.ndarray
-
-    def problem(self, duration: float, noise: float, seed: int) -> Problem:
-        """A random Fourier motion with low-passed torque noise, as a share of each joint's standard deviation."""
-        rng = np.random.default_rng(seed)
-        limits = urdf_limits(RigidBody(self.regressor.arm), 5.0)
-        limits = limits._replace(velocity=np.full(7, 1.5))
-        reference = Fourier.random(rng, limits, duration=max(duration, 10.0), ramp=0.5)
-        t = np.arange(round(duration * RATE)) / RATE + 0.5
-        matrix = self.regressor.matrix(
-            Motion(
-                t,
-                reference.position(t),
-                reference.velocity(t),
-                reference.acceleration(t),
-            )
-        )[..., self.base.kept]
-        torque = matrix @ self.truth
-        white = low_pass(rng.standard_normal((len(t) + 100, 7)), RATE, 12.0)[50:-50]
-        names = [self.regressor.names[i] for i in self.base.kept]
-        torque = torque + noise * torque.std(axis=0) * white / white.std()
-        return Problem(matrix, torque, names, np.zeros(len(t), int), 1 / RATE)
-
-
-@pytest.fixture(scope="module")
-def transfer() -> Transfer:
-    regressor = Regressor(load_nominal_arm("kuka_iiwa", sheet=IIWA))
+def test_a_parameter_that_the_data_hardly_move_keeps_its_prior() -> None:
+    """Few samples under much noise tell the first parameter alone, which the prior knows least."""
     rng = np.random.default_rng(0)
-    q, dq, ddq = (rng.standard_normal((300, 7)) for _ in range(3))
-    base = base_parameters(
-        regressor.matrix(Motion(0.01 * np.arange(300), q, dq, ddq)).reshape(2100, -1),
-        regressor.names,
-    )
-    simulated = regressor.nominal()
-    real = simulated.copy()
-    real[:70] *= 1.1
-    friction = slice(77, 91)
-    real[friction] *= rng.uniform(0.5, 1.6, 14)
-    return Transfer(regressor, base, base.of(simulated), base.of(real))
-
-
-def judged(transfer: Transfer, duration: float, seeds: range) -> dict[str, float]:
-    """Mean RMSE of the torque on an unseen motion of 20 s without noise [N m], by estimate."""
-    errors: dict[str, list[float]] = {
-        "prior": [],
-        "full refit": [],
-        "partial update": [],
-    }
-    for seed in seeds:
-        given, other = (
-            transfer.problem(duration, NOISE, seed),
-            transfer.problem(20.0, 0.0, 1000 + seed),
-        )
-        values = {
-            "prior": transfer.prior,
-            "full refit": ordinary_least_squares(given).value,
-            "partial update": partial_update(given, transfer.prior).value,
-        }
-        for name, value in values.items():
-            errors[name].append(float(np.sqrt((other.residual(value) ** 2).mean())))
-    return {name: float(np.mean(found)) for name, found in errors.items()}
-
-
-def test_beats_prior_and_full_refit_on_little_data(transfer: Transfer) -> None:
-    """Three seconds of motion; mean RMSE of the torque on unseen motions, five draws."""
-    found = judged(transfer, 3.0, range(5))
-    assert found["partial update"] < 0.75 * found["prior"]
-    assert found["partial update"] < 0.5 * found["full refit"]
-
-
-def test_moves_the_influential_and_holds_the_rest(transfer: Transfer) -> None:
-    """The friction of moving joints is told by the data; what is held keeps prior value and prior spread."""
-    given = transfer.problem(3.0, NOISE, 0)
-    spread = prior_spread(given, transfer.prior)
-    estimate = partial_update(given, transfer.prior)
-    changed = estimate.value != transfer.prior
-    moved = dict(zip(given.names, changed, strict=True))
-    assert all(moved[f"c{joint}"] for joint in (1, 2, 3, 4))
-    held = ~changed
-    assert 0 < held.sum() < len(held)
-    assert np.array_equal(estimate.value[held], transfer.prior[held])
-    assert np.allclose(estimate.deviation[held], spread[held])
-    assert (estimate.deviation[~held] < spread[~held]).all()
+    W = rng.standard_normal((12, 3, 4)) * [1.0, 1.0, 1.0, 0.1]
+    given = problem(W, W @ TRUTH + 2.0 * rng.standard_normal(W.shape[:2]))
+    found = partial_update(given, PRIOR)
+    assert (found.value == PRIOR).tolist() == [False, True, True, True]
 
 
 def test_one_parameter_by_hand() -> None:
@@ -627,14 +481,3 @@ def test_the_estimate_is_that_of_weighted_equations(
     precision = weighed[0].T @ weighed[0]
     covariance = rest[0] / (270 - 4) * np.linalg.inv(precision)
     np.testing.assert_allclose(found.covariance, covariance)
-
-
-def test_held_out_groups_are_predicted_by_the_estimate_of_the_others(
-    drawn: Problem,
-) -> None:
-    residual = held_out(drawn, weighted_least_squares)
-    for group in range(3):
-        own = drawn.group == group
-        value = weighted_least_squares(drawn.rows(~own)).value
-        expected = drawn.rows(own).residual(value)
-        np.testing.assert_allclose(residual[own], expected, rtol=1e-6)

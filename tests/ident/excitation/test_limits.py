@@ -14,7 +14,7 @@ from gapscope.arm.dynamics.link_shapes import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Limits, Sampled, read_sampled
+from gapscope.arm.motions.trajectory import Limits, read_sampled
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.excitation.design import (
@@ -42,15 +42,6 @@ def test_distance_to_the_surface_by_hand(arm: NominalArm, body: RigidBody) -> No
     model = CollisionModel(arm, body)
     assert "surface" in model.pairs[pair[0]]
     assert distance[0] == pytest.approx(expected, abs=1e-6)
-
-
-def test_bodies_that_overlap_have_negative_distance(
-    arm: NominalArm, body: RigidBody
-) -> None:
-    model = CollisionModel(arm, body, height=None)
-    folded = np.array([[0.0, 0.0, np.pi - 0.05]])
-    assert ("first_0", "third_0") in model.pairs
-    assert model.distance(folded)[0][0] < 0 < model.distance(UP[None])[0][0]
 
 
 def test_neighbours_and_bodies_that_always_touch_are_left_out(
@@ -174,25 +165,6 @@ def test_limits_that_allow_no_posture_are_named(
     postures = np.random.default_rng(0).uniform(limits.lower, limits.upper, (50, 3))
     with pytest.raises(InputError, match=f"allow no trajectory.*{word}"):
         checker(arm, body, limits, **changed).check_static(postures)
-
-
-@pytest.mark.parametrize(
-    ("height", "clearance", "word"),
-    [(0.55, 0.01, "--surface"), (None, 0.3, "--clearance")],
-)
-def test_remedy_for_a_distance_is_what_most_postures_come_near(
-    height: float | None,
-    clearance: float,
-    word: str,
-    arm: NominalArm,
-    body: RigidBody,
-    limits: Limits,
-) -> None:
-    postures = np.random.default_rng(0).uniform(limits.lower, limits.upper, (50, 3))
-    allowed = Allowed(limits, np.full(3, 40.0), 0.0, clearance)
-    assert word in Checker(
-        arm, body, allowed, CollisionModel(arm, body, height)
-    ).remedy("distance", postures)
 
 
 def test_a_surface_above_the_whole_arm_is_refused(
@@ -345,18 +317,3 @@ def test_a_breach_between_the_samples_is_found(
         GapscopeError, match=f"joint 1 .* velocity by {excess:.3g} rad/s at 0.100 s"
     ):
         check_written(written, found.checker, path)
-
-
-def test_a_path_that_gravity_forbids_when_slow_is_seen(found: Excitation) -> None:
-    """Inertia may hold up an arm in motion; the slow version then needs more torque than the full one."""
-    t = np.linspace(0.0, 1.0, 5)
-    q = np.tile([0.0, 1.2, 0.0], (5, 1))
-    falling = Motion(t, q, 0 * q, np.tile([0.0, 4.0, 0.0], (5, 1)))
-    full, slow = (
-        np.abs(found.checker.torque(m))[:, 1].max()
-        for m in (falling, Sampled(falling).slower(SLOW).motion)
-    )
-    margin = found.checker.margin_when_slow(falling, SLOW)
-    assert margin.name == "torque when slow"
-    assert margin.margin[1] == pytest.approx(margin.limit[1] - slow)
-    assert slow > full

@@ -10,14 +10,14 @@ from cases import changed_during
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.json_file import check_document, plain
 from gapscope.arm.known_load import KnownLoad
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.identification import (
     Identification,
-    IdentificationSettings,
     identify,
 )
-from gapscope.ident.identification_json import check, document, plain
+from gapscope.ident.identification_json import document
 from gapscope.ident.kalman import Track, follow, follow_states, kalman
 from gapscope.ident.samples import Problem
 
@@ -142,12 +142,6 @@ def test_what_it_cannot_follow_is_refused(world) -> None:
         follow_states(coupled, recording, {}, np.ones(3))
 
 
-def test_an_unknown_filter_is_named(world, tmp_path) -> None:
-    case = Case("c", tmp_path, world.arm, (world.recorded(1, duration=2.5),))
-    with pytest.raises(InputError, match="unknown filter 'magic'"):
-        identify(case, IdentificationSettings(filter="magic"))
-
-
 # A load picked up in the middle of a recording is told by ``identify``, and none is where there was none.
 
 
@@ -171,7 +165,7 @@ def test_a_load_that_is_picked_up_is_told_with_moment_and_mass(case: Case) -> No
     assert abs(found.value[0] - 1.5) < 0.15
     assert any("picked up at 3.7" in warning for warning in result.warnings)
     content = plain(document(result))
-    check(content)
+    check_document(content, "identification")
     (change,) = content["changes"]
     assert change["what"] == "payload" and change["parameters"][0] == "mass"
     assert abs(change["size"][0] - 1.5) < 0.15

@@ -10,20 +10,20 @@ from arms import tooled_panda
 from cases import panda_body, panda_case, sines
 
 from gapscope.arm.case import Case
-from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.nominal import NominalArm, coupling_of_transmission
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.model.friction import PULLS, choose
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 from gapscope.ident.samples import (
+    PULLS,
     Band,
     FrictionLaw,
     ModelColumns,
     Samples,
+    choose,
     split,
 )
 
@@ -77,21 +77,6 @@ def test_column_of_a_quantity_is_the_derivative_of_the_predicted_torque(
         assert np.allclose(column, slope, rtol=0, atol=1e-8)
 
 
-def test_inertial_column_is_the_derivative_of_the_inverse_dynamics(arm, motion):
-    regressor, step = Regressor(arm), 1e-3
-    Y = regressor.matrix(motion)
-    for place in (30, 31, 44, 69):
-        more = np.zeros(70)
-        more[place] = step
-        low, high = (
-            regressor.body.changed(sign * more.reshape(7, 10)).inverse_dynamics(
-                motion.q, motion.dq, motion.ddq
-            )
-            for sign in (-1, 1)
-        )
-        assert np.allclose(Y[:, :, place], (high - low) / (2 * step), rtol=0, atol=1e-8)
-
-
 def test_joints_in_another_order_permute_rows_and_columns(arm, motion):
     order = np.array([3, 0, 6, 1, 5, 2, 4])
     shuffled = NominalArm(arm.name, arm.urdf, tuple(arm.joints[i] for i in order))
@@ -115,14 +100,6 @@ def test_joints_in_another_order_permute_rows_and_columns(arm, motion):
     )
 
 
-def test_quantity_without_a_column_is_refused(arm):
-    with pytest.raises(
-        InputError,
-        match="(?s)play is no quantity with a regressor column.*choose among rotor",
-    ):
-        Regressor(arm, quantities=("play",))
-
-
 # The columns of the pipeline: friction with memory, coupled motors, and agreement with the catalogue's effects.
 
 
@@ -132,13 +109,6 @@ def random_motion(rng: np.random.Generator, n: int = 7, count: int = 40) -> Moti
 
 
 class TestDrives:
-    def test_coupled_motor_turns_with_both_joints(self) -> None:
-        """Motor 3 turns 40 times for one turn of joint 3 and 20 times for one of joint 2, joint 2 counted backwards."""
-        transmission = np.array([[10.0, 0, 0], [0, 20.0, 0], [0, 20.0, 40.0]])
-        signs = np.array([1.0, -1.0, 1.0])
-        matrix = coupling_of_transmission(transmission, signs)
-        np.testing.assert_allclose(matrix, [[1, 0, 0], [0, 1, 0], [0, -0.5, 1]])
-
     def test_friction_of_a_coupled_motor_takes_power(self) -> None:
         """The torque of motor friction times joint speeds is b times the motor's speed squared, on joint 3's side."""
         rng = np.random.default_rng(1)

@@ -15,15 +15,9 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.effects.residual import Inputs, Layout
 from gapscope.ident.residual.export import onnx_model
 from gapscope.ident.residual.fit import (
-    GAINS,
     Ensemble,
     ResidualSettings,
-    fit_additive,
     fit_residual,
-    rows_of,
-    settled,
-    shares_closed,
-    usefulness,
 )
 
 FORMS = ("additive", "mlp", "tcn")
@@ -208,35 +202,3 @@ def test_the_onnx_model_says_how_its_windows_are_made(tmp_path) -> None:
 
 
 # A joint speaks only if what the projection leaves of it helps on every recording that was held out.
-
-
-def test_shares_are_of_each_groups_own_squares() -> None:
-    group = np.repeat([0, 1], 4)
-    residual = np.array([[1.0]] * 4 + [[10.0]] * 4)
-    shares = shares_closed(group, residual, np.ones((8, 1)))
-    assert np.allclose(shares[:, 0, -1], [1.0, 1.0 - 0.9**2])
-    assert np.allclose(shares[0, 0], 1.0 - (1.0 - GAINS) ** 2)
-
-
-def test_strict_judgement_silences_what_one_recording_does_not_need() -> None:
-    # joint 1 closes half of each recording, joint 2 nothing of one of them
-    full = np.array([[0.5, 0.5], [0.5, 0.5], [0.5, 0.0], [0.52, 0.5]])
-    shares = full[:, :, None] * GAINS
-    assert np.allclose(usefulness(shares)[1], [1.0, 1.0])
-    closed, gain = usefulness(shares, strict=True)
-    assert np.allclose(gain, [1.0, 0.0]) and np.allclose(closed, [0.505, 0.0])
-
-
-def test_the_judgement_is_repeated_until_nothing_changes() -> None:
-    settings = toy.quick()
-    rows = rows_of([toy.trajectory(k) for k in range(3)], settings)
-    network = fit_additive(rows, 0)
-    # joint 2 has nothing to learn; it has to be silenced, and joint 1 judged without it
-    hidden = [network.hidden(rows.windows)]
-    found = settled(np.zeros(2, int), np.ones(2), [network], hidden, rows)
-    chosen, gain, closed = found
-    assert chosen.tolist() == [0, -1]
-    assert closed[0] > 0.4 and 0.6 < gain[0] <= 1.0
-    assert gain[1] == closed[1] == 0.0
-    again = settled(chosen, gain, [network], hidden, rows)
-    assert all(np.array_equal(a, b) for a, b in zip(found, again, strict=True))

@@ -10,7 +10,7 @@ from arms import tooled_panda
 from cases import panda_recording
 
 from gapscope.ident import samples as module
-from gapscope.ident.samples import Band, FrictionLaw, ModelColumns, SampleCount, Samples
+from gapscope.ident.samples import Band, FrictionLaw, ModelColumns, Samples
 
 BAND = Band(10.0)
 
@@ -81,15 +81,3 @@ def test_torque_at_its_limit_does_not_count() -> None:
 
 
 # What is said of recordings that hold little information.
-
-
-FEW = SampleCount(
-    seconds=4.0, bandwidth=np.array([1.0, 2.0]), independent=24.0, per_parameter=1.0
-)
-
-
-def test_faster_motion_is_advised_unless_the_model_lacks_an_effect() -> None:
-    """Faster motion holds more information per second, and more of what the model lacks."""
-    (noise_alone,) = FEW.warnings(model_error=False)
-    (with_model_error,) = FEW.warnings(model_error=True)
-    assert noise_alone == with_model_error + ", or move faster"

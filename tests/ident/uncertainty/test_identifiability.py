@@ -10,7 +10,6 @@ import pytest
 from cases import each, panda_case
 from sweeps import daily
 
-from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
@@ -37,33 +36,6 @@ def iiwa():
     regressor = Regressor(load_nominal_arm("kuka_iiwa"), quantities=QUANTITIES)
     base = structural_base(regressor, np.random.default_rng(0))
     return regressor, base, random_states(regressor, np.random.default_rng(1), 200)
-
-
-@pytest.fixture(scope="module")
-def report(iiwa):
-    regressor, base, states = iiwa
-    return identifiability(regressor.matrix(states), base)
-
-
-def test_rich_motion_determines_all_base_parameters(report, iiwa):
-    assert report.rank == report.structural == iiwa[1].count
-    assert report.warnings == ()
-
-
-def test_condition_numbers_and_norms_are_those_of_the_base_columns(report, iiwa):
-    regressor, base, states = iiwa
-    Y = regressor.matrix(states).reshape(-1, 84)
-    W = Y[:, base.kept]
-    assert report.condition == pytest.approx(
-        np.linalg.cond(W / np.linalg.norm(W, axis=0)), rel=1e-8
-    )
-    assert report.singular_values[-1] == pytest.approx(1 / report.condition, rel=1e-8)
-    assert np.allclose(
-        list(report.column_norms.values()),
-        np.sqrt((Y**2).mean(axis=0)),
-        rtol=0,
-        atol=1e-12,
-    )
 
 
 def test_joint_that_rests_is_named_with_a_remedy(iiwa):
@@ -105,23 +77,6 @@ def test_parameters_without_content_are_dropped_and_the_others_kept(factor):
     assert found.names == ("a", "c", "e")
     assert {step["name"] for step in found.dropped} == {"b", "d"}
     assert found.residual_growth < 0.02
-
-
-def test_two_small_twins_are_not_both_dropped_when_together_they_matter():
-    # nearly the same column twice: each alone is unknown, but one of them is needed
-    rng = np.random.default_rng(6)
-    W = rng.standard_normal((500, 2))
-    W = np.column_stack([W, W[:, 1] + 1e-5 * rng.standard_normal(500)])
-    out = Factor.of(W, W @ [1.0, 0.5, 0.5] + 0.01 * rng.standard_normal(500))
-    found = essential_parameters(out, tuple("abc"))
-    assert len(found.dropped) == 1
-    assert found.names[0] == "a"
-
-
-def test_too_few_rows_are_refused():
-    out = Factor.of(np.eye(3), np.ones(3))
-    with pytest.raises(InputError, match="3 rows do not determine 3 parameters"):
-        essential_parameters(out, tuple("abc"))
 
 
 # What recordings tell: rank, essential parameters, segments, intervals, and warnings of what the model lacks.

@@ -17,10 +17,7 @@ from gapscope.ident.identification import errors, validate
 from gapscope.ident.intervals import (
     band_correlation,
     block_jackknife,
-    block_length,
     compare_groups,
-    held_out,
-    model_error,
     torque_interval,
     whiteness,
 )
@@ -57,11 +54,6 @@ def recorded(
     return Problem(W, W @ BETA + noise + extra, ("a", "b", "c", "d"), group, INTERVAL)
 
 
-def drawn(seed: int) -> Problem:
-    rng = np.random.default_rng(seed)
-    return recorded(rng, motion_columns(rng), filtered(rng))
-
-
 def autoregressive(rng: np.random.Generator, rho: float) -> np.ndarray:
     """AR(1) noise of unit variance, shape (N, 2)."""
     white = rng.standard_normal((SAMPLES + 200, 2))
@@ -93,33 +85,6 @@ def holds(problem: Problem, name: str) -> np.ndarray:
     estimate = estimator(problem)
     lower, upper = used.interval(problem, estimator, estimate).interval(estimate.value)
     return (lower <= BETA) & (upper >= BETA)
-
-
-def test_jackknife_leaves_out_each_block_in_turn() -> None:
-    given = drawn(2)
-    beta = ordinary_least_squares(given).value
-    length = SAMPLES // GROUPS
-    left_out = np.array(
-        [
-            ordinary_least_squares(given.rows(given.group != g)).value
-            for g in range(GROUPS)
-        ]
-    )
-    expected = (GROUPS - 1) / GROUPS * (left_out - beta).T @ (left_out - beta)
-    assert np.allclose(block_jackknife(given, beta, length=length).covariance, expected)
-
-
-def test_block_length_grows_with_the_memory() -> None:
-    """AR(1) with 0.9: the theory gives G = 2 rho / (1 - rho)^2 g0, g = (1 + rho) / (1 - rho) g0: (1.5 (2 rho / (1 -
-    rho^2))^2 N)^(1/3) = 65 samples of 2000; white noise needs a few."""
-    rng = np.random.default_rng(0)
-    series = rng.standard_normal((2000, 20))
-    white = series.copy()
-    for i in range(1, len(series)):
-        series[i] += 0.9 * series[i - 1]
-    group = np.zeros(2000, int)
-    assert 30 < block_length(series, group) < 110
-    assert block_length(white, group) < 15
 
 
 class TestModelError:
@@ -169,18 +134,6 @@ class TestModelError:
         held, _, warned = self.covered(0.0)
         assert held > 0.90
         assert warned < 0.05
-
-    def test_names_the_joint_and_the_size_of_the_noise(self) -> None:
-        given, _, _ = self.pair(0, 0.5)
-        error = model_error(given, held_out(given, ordinary_least_squares), cutoff=5.0)
-        assert error.found[0] == 1 and error.p_value[0] < error.p_value[1]
-        assert (
-            error.systematic[0] > error.systematic[1]
-        )  # biased parameters spoil joint 2, too
-        assert error.noise == pytest.approx(
-            [0.3, 0.3], rel=0.4
-        )  # what it has above a quarter of the cut-off is in it
-        assert "the residual on joint 1" in error.warnings()[0]
 
 
 def test_intervals_count_a_form_that_repeats_with_the_motion() -> None:
@@ -317,17 +270,6 @@ def test_errors_by_hand() -> None:
     np.testing.assert_allclose(found.relative, [1 / 2.5, 1.0])
     np.testing.assert_allclose(found.largest, [1.0, 2.0])
     assert found.overall == pytest.approx(np.sqrt(8 / 29))
-
-
-def test_masked_samples_do_not_count() -> None:
-    torque, predicted = (
-        np.array([[2.0], [2.0], [2.0]]),
-        np.array([[1.0], [2.0], [-90.0]]),
-    )
-    found = errors(torque, predicted, np.array([[True], [True], [False]]))
-    assert found.rmse[0] == pytest.approx(np.sqrt(0.5)) and found.largest[0] == 1.0
-    assert found.share[0] == pytest.approx(2 / 3)
-    assert np.isnan(errors(torque, predicted, np.zeros((3, 1), dtype=bool)).relative[0])
 
 
 class TestWhiteness:
