@@ -15,7 +15,6 @@ from zlib import crc32
 
 import numpy as np
 import yaml
-from scipy.interpolate import PchipInterpolator
 from scipy.signal import butter, sosfiltfilt
 
 import gapscope
@@ -25,9 +24,9 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.write_case import write_case
-from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.blind_check.generator.recorded import at_samples, smooth_motion
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings
 from gapscope.ident.identification_json import effects, identified_bodies, sheet
@@ -62,42 +61,6 @@ def on_motor_side(recording: Recording, matrix: np.ndarray) -> Recording:
     dq = None if recording.dq is None else recording.dq @ matrix.T
     torque = np.asarray(recording.tau) @ np.linalg.inv(matrix)
     return replace(recording, q=recording.q @ matrix.T, dq=dq, tau=torque)
-
-
-# Motion of a recording
-
-BAND = 15.0
-"""Positions are followed up to this frequency [Hz], or 0.35 of the sampling rate if that is lower."""
-
-
-def filtered(series: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
-    """Zero-phase Butterworth low-pass of order 2, forward and backward, along axis 0."""
-    sos = butter(2, min(cutoff, 0.35 * rate), output="sos", fs=rate)
-    padding = min(len(series) - 1, int(3 * rate / cutoff))
-    return np.asarray(sosfiltfilt(sos, series, axis=0, padlen=padding))
-
-
-def uniform_grid(t: np.ndarray) -> np.ndarray:
-    """As many uniform times as t has, from its first to its last [s]."""
-    return np.linspace(t[0], t[-1], len(t))
-
-
-def smooth_motion(recording: Recording) -> Motion:
-    """Filtered positions on a uniform grid with central differences; time from the recording's start."""
-    grid = uniform_grid(recording.t)
-    rate = (len(grid) - 1) / (grid[-1] - grid[0])
-    q = PchipInterpolator(recording.t, recording.q)(grid)
-    q = filtered(q, rate, BAND)
-    dq = np.gradient(q, grid, axis=0, edge_order=2)
-    ddq = filtered(np.gradient(dq, grid, axis=0, edge_order=2), rate, BAND)
-    return Motion(grid, q, dq, ddq)
-
-
-def at_samples(series: np.ndarray, motion: Motion, t: np.ndarray) -> np.ndarray:
-    """A series on a motion's grid, (N, n), at times t [s], (M, n)."""
-    return np.asarray(
-        PchipInterpolator(motion.t, series)(np.clip(t, *motion.t[[0, -1]]))
-    )
 
 
 # The arm that is identified, and what its model leaves

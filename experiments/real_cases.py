@@ -22,24 +22,15 @@ from real_carriers import (
     load_prepared,
     write_piece,
 )
-from real_laws import LAWS, STEPS, Law, Put, Scene, Values
+from real_laws import LAWS, STEPS, Scene
 
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.joint_units import size_per_radian
 from gapscope.arm.recording import Recording
+from gapscope.blind_check.generator.recorded import Put, RecordedLaw, Values
+from gapscope.blind_check.scoring import VECTORS
 from gapscope.effects.catalogue import CATALOGUE
 
-NOT_ON_A_SLIDE = {
-    "armature",
-    "base_tilt",
-    "encoder_offset",
-    "joint_swap",
-    "link_inertia",
-    "torque_ripple",
-    "unit_mismatch",
-}
-"""Laws that a single slide cannot have: a tilted base is an offset, its zero shows in nothing, its mass has one name,
-``payload``, and neither angle nor revolution means anything."""
 ROUNDS = 12
 """Times that a size is corrected."""
 EXACT = 0.03
@@ -74,7 +65,7 @@ class Injection:
         drawn: its other values.
     """
 
-    law: Law
+    law: RecordedLaw
     joints: np.ndarray
     x: np.ndarray
     drawn: Values
@@ -98,12 +89,11 @@ def draw(
     law = LAWS[name]
     if law.motor and scene.nominal.encoder == "joint":
         return None
-    slides = scene.nominal.sliding
-    if slides == (True,) and name in NOT_ON_A_SLIDE:
+    if scene.nominal.sliding == (True,) and not law.slides:
         return None
     for _ in range(ATTEMPTS):
         joints = _joints(scene, law, rng)
-        drawn = law.draw(scene, rng, joints)
+        drawn = law.draw(rng, scene, joints)
         count = len(joints) if law.place in ("joint", "spread", "none") else 1
         signs = rng.choice([-1.0, 1.0], count) if law.signed else np.ones(count)
         x = law.start * signs
@@ -118,9 +108,9 @@ def draw(
     return None
 
 
-def _joints(scene: Scene, law: Law, rng: np.random.Generator) -> np.ndarray:
+def _joints(scene: Scene, law: RecordedLaw, rng: np.random.Generator) -> np.ndarray:
     """Joints of a law, from 0."""
-    n = scene.n
+    n = scene.nominal.n_joints
     if law.place == "arm":
         return np.array([], dtype=int)
     if law.name == "unit_mismatch":
@@ -154,8 +144,9 @@ def _sized(scene: Scene, one: Injection, size: float) -> Injection | None:
 
 def _believable(scene: Scene, one: Injection, values: Values) -> bool:
     """Whether every parameter is within its bounds, and the size within three times what is typical."""
-    law = one.law
-    for parameter in CATALOGUE[law.name].parameters:
+    law, known = one.law, CATALOGUE[one.law.name].parameters
+    sizes = VECTORS.get(law.name, (known[0].name,))
+    for parameter in known:
         # of a slide in m, N and kg
         unit = size_per_radian(parameter.unit, scene.nominal.sliding)[one.joints]
         unit = unit if len(unit) else np.ones(1)
@@ -164,7 +155,7 @@ def _believable(scene: Scene, one: Injection, values: Values) -> bool:
         if not ((value >= low) & (value <= high)).all():
             return False
         least, most = (abs(x) for x in parameter.typical)
-        sized = parameter.name == law.size or parameter.name in ("roll", "pitch")
+        sized = parameter.name in sizes
         if parameter.name == "stiffness" and law.motor:
             if (value < least / BEYOND_TYPICAL).any():
                 return False
@@ -348,14 +339,14 @@ def label(
     ratios = [
         (healthy.gap(one.applied(healthy, healthy.recording)[0]) / healthy.residual)
         if one.law.stage < 7
-        else np.zeros(healthy.n)
+        else np.zeros(healthy.nominal.n_joints)
         for one in injections
     ]
     return {
         "kind": plan.kind,
         "effects": entries,
         "forms": [one.law.form for one in injections],
-        "gap": np.max([np.zeros(healthy.n), *ratios], axis=0).tolist(),
+        "gap": np.max([np.zeros(healthy.nominal.n_joints), *ratios], axis=0).tolist(),
         "residual": healthy.residual.tolist(),
         "motions": ["slow", "slow"],
         "severity": [plan.size, plan.size] if injections else None,

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         replay,
     )
     from gapscope.many.fleet import fleet
+    from gapscope.many.rehearse import rehearse
 
     __version__: str
 
@@ -52,6 +53,7 @@ __all__ = [
     "make_arm",
     "predict",
     "read_corrected",
+    "rehearse",
     "replay",
 ]
 
@@ -62,6 +64,7 @@ _MODULES = {
     "make_arm": "interface.models",
     "read_corrected": "interface.models",
     "fleet": "many.fleet",
+    "rehearse": "many.rehearse",
     **dict.fromkeys(("agree", "audit", "check", "inspect"), "interface.logs"),
     **dict.fromkeys(("export", "gap", "predict", "replay"), "interface.models"),
     **dict.fromkeys(("advise", "excite"), "interface.advise"),

@@ -20,7 +20,7 @@ from gapscope.commands.agents import evaluate, identify, residual, train
 from gapscope.commands.blind import blind
 from gapscope.commands.diagnose import diagnose
 from gapscope.commands.logs import agree, audit, check, inspect
-from gapscope.commands.many import fleet, serve, watch
+from gapscope.commands.many import fleet, rehearse, serve, watch
 from gapscope.commands.models import export, gap, predict, replay, view
 from gapscope.commands.options import as_command
 from gapscope.commands.project import demo, doctor
@@ -30,7 +30,7 @@ from gapscope.terminal import note
 PROJECT = "The project"
 SECTIONS = {
     "Your log": (inspect, check, audit, agree),
-    "The gap": (diagnose, predict, replay, gap, view, export),
+    "The gap": (diagnose, rehearse, predict, replay, gap, view, export),
     "Recordings to make": (record, excite, advise),
     "Many arms": (fleet, watch, serve),
     "Models and agents": (identify, residual, train, evaluate),

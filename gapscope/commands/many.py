@@ -1,4 +1,4 @@
-"""The commands for many diagnoses: ``fleet``, ``serve`` and ``watch``."""
+"""The commands for many diagnoses: ``rehearse``, ``fleet``, ``serve`` and ``watch``."""
 
 from __future__ import annotations
 
@@ -14,12 +14,59 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from gapscope.commands.options import File, Folder, Positive, Results
+from gapscope.commands.options import (
+    AsJson,
+    CasePath,
+    File,
+    Folder,
+    NotNegative,
+    Positive,
+    Results,
+    split_names,
+)
 from gapscope.terminal import Progress, note, say, show, wrote
 
 PACE = 1.0
 """Least time between two lines of progress [s]."""
 GIGABYTE = 1e9
+
+
+def rehearse(
+    case: CasePath,
+    *,
+    out: Folder | None = None,
+    effect: Annotated[list[str] | None, Option(metavar="NAME")] = None,
+    joint: Annotated[list[int] | None, Option(metavar="N")] = None,
+    sizes: str = "half,nine_of_ten",
+    seed: NotNegative = 0,
+    jobs: Positive = 1,
+    json_: AsJson = False,
+) -> None:
+    """Put effects of known size into a case's own recordings, and say which of them are found.
+
+    Args:
+        out: folder for rehearsal.html, rehearsal.json and the diagnoses, from which the same command goes on
+        effect: put in this one; may be given several times. Default: all that there is a law for
+        joint: put effects in here, from 1; may be given several times. Default: one for each effect, drawn
+        sizes: half, nine_of_ten (sizes named in so many cases) and severity (usual on real arms), with commas
+        seed: of joints, signs and forms
+        jobs: diagnoses at a time
+    """
+    from gapscope.many.rehearse import rehearse as rehearse_case
+
+    with Progress(case.name or str(case)) as progress:
+        result = rehearse_case(
+            case,
+            out,
+            effects=effect or (),
+            joints=joint or (),
+            sizes=split_names(sizes),
+            seed=seed,
+            jobs=jobs,
+            progress=progress,
+        )
+        written = () if out is None else result.save(out)
+    show(result, *written, as_json=json_)
 
 
 def fleet(

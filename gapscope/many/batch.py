@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from gapscope.arm.case import Case
 from gapscope.arm.errors import GapscopeError, InterruptedRunError
 from gapscope.arm.io.atomic_write import begin_results
 from gapscope.arm.io.json_file import write_json
@@ -46,7 +47,7 @@ Done = tuple[Row, int]
 
 
 def diagnose_path(
-    path: Path,
+    path: Case | Path,
     out: Path,
     progress: Progress = silent,
     *,
@@ -55,7 +56,7 @@ def diagnose_path(
     """Diagnose the case at a path and write the results, from its files to its files.
 
     Args:
-        path: the case.
+        path: the case, or where it is.
         out: folder of the results, which is tried before the work starts.
         progress: called with a few words at each step.
         against: case of the same arm that it is compared with, or the folder of what was identified on one.
@@ -118,7 +119,7 @@ class Batch:
 
 
 def finished(
-    case: Path, folder: Path, reference: Mapping[str, str] | None = None
+    case: Case | Path, folder: Path, reference: Mapping[str, str] | None = None
 ) -> dict[str, Any] | None:
     """The diagnosis in a folder, if it is complete and made from this case as it is now, by this program.
 
@@ -240,12 +241,16 @@ def _by_law_of_type(
 
 
 def diagnose_one_of_many(
-    path: Path, out: Path, folder: str, against: Path | None, left_out: Sequence[str]
+    path: Case | Path,
+    out: Path,
+    folder: str,
+    against: Path | None,
+    left_out: Sequence[str],
 ) -> Done:
-    """Diagnose the case at a path as one of several: its row of the summary, and its exit code.
+    """Diagnose a case, or the one at a path, as one of several: its row of the summary, and its exit code.
 
     Args:
-        path: of the case.
+        path: the case, or where it is.
         out: folder of all results.
         folder: name of that of this case.
         against: the reference, or ``None``.

@@ -1,0 +1,79 @@
+"""What `gapscope rehearse` finds of effects put into recordings: of a generated healthy arm, and of real ones.
+
+    GAPSCOPE_DATA=.../data .venv/bin/python experiments/61_rehearsal.py --out out/rehearsal [--jobs 2]
+        [--cases generated,ur10] [--effects payload,torque_scale] [--sizes nine_of_ten]
+
+The generated arm comes from the blind check's generator, and has nothing but what a healthy arm has. The page quotes
+one row for each case and size: effects put in, found, taken for something else, missed, and the median of value said
+over value put in. Run it again for the rest.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from common import command_line, markdown
+from generator_arms import make_generated
+from threadpoolctl import threadpool_limits
+
+import gapscope
+from gapscope.arm.errors import ModelWarning
+from gapscope.blind_check.generator.simulate import CaseSpec, Conditions
+
+CASES = Path(__file__).resolve().parent / "cases"
+GENERATED = "generated"
+
+
+def case_of(name: str, out: Path) -> Path:
+    """The case of a name: one that is made, or a file of the real ones."""
+    if name != GENERATED:
+        return CASES / f"{name}.yaml"
+    conditions = Conditions(robot="small", rate=250, duration=(8.0, 12.0))
+    spec = CaseSpec("healthy", (), None, conditions)
+    folder = out / "cases" / name
+    make_generated(spec, (1, 61), folder, out / "cases" / f"{name}.json")
+    return folder
+
+
+def main() -> None:
+    """Rehearse each case and print the table."""
+    parser = command_line(
+        __doc__,
+        out=Path("out/rehearsal"),
+        cases=f"{GENERATED},ur10",
+        effects="",
+        sizes="half,nine_of_ten",
+        jobs=1,
+        seed=1,
+    )
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore", ModelWarning)
+    threadpool_limits(1)
+    rows = []
+    for name in arguments.cases.split(","):
+        folder = arguments.out / name
+        result = gapscope.rehearse(
+            case_of(name, arguments.out),
+            folder,
+            effects=[effect for effect in arguments.effects.split(",") if effect],
+            sizes=arguments.sizes.split(","),
+            seed=arguments.seed,
+            jobs=arguments.jobs,
+            progress=lambda message, name=name: print(f"{name}: {message}", flush=True),
+        )
+        result.save(folder)
+        print(result)
+        every = result.to_frame()
+        for chance, own in every.groupby("chance"):
+            counts = own["outcome"].value_counts()
+            ratio = np.median((own["value"] / own["size"]).dropna())
+            numbers = [counts.get(k, 0) for k in ("found", "confused", "missed")]
+            rows.append([name, chance, len(own), *numbers, f"{ratio:.2f}"])
+    head = ("case", "size", "put in", "found", "confused", "missed", "said over put in")
+    print(markdown(head, rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,303 @@
+"""Rehearse: effects of known size put into the recordings of a case, each diagnosed: what would be found here?"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from operator import itemgetter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+from zlib import crc32
+
+import numpy as np
+
+from gapscope.arm.case import Case
+from gapscope.arm.display import effect_name
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.json_file import plain
+from gapscope.arm.io.locked_section import locked
+from gapscope.arm.joint_units import joint_unit
+from gapscope.arm.nearest_name import check_known
+from gapscope.arm.nominal import NominalArm, arm_entry
+from gapscope.blind_check.generator.recorded import (
+    RECORDED_LAWS,
+    Changed,
+    Put,
+    RecordedLaw,
+    Scene,
+    Values,
+)
+from gapscope.blind_check.scoring import VECTORS
+from gapscope.diagnosis.document.numbers import Number, numbers_of
+from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.severity import draw
+from gapscope.interface.models import case_of
+from gapscope.interface.result import Document, DocumentResult
+from gapscope.many.batch import diagnose_one_of_many, finished
+from gapscope.many.workers import LOCAL, in_order
+from gapscope.provenance import KEY, made_from
+from gapscope.reports.rehearsal import sentence, summary, write_page
+
+SIZES = ("half", "nine_of_ten", "severity")
+"""Sizes that are put in: those that ``expected`` of the recordings says would be named in half and in nine of ten
+cases, and one that is usual on real arms, drawn from the catalogue; the last also where the others are not known."""
+ROUNDS = 4
+"""Times that a size is corrected: laws are proportional to it, or nearly so."""
+AS_IS = "as_is"
+"""Name of the diagnosis into which nothing was put."""
+
+
+class Planned(NamedTuple):
+    """An effect to be put in.
+
+    Attributes:
+        law: the law.
+        joint: from 1; 0 for the arm.
+        chance: one of ``SIZES``.
+        size: of its parameter, or the length of several, SI, joint side.
+    """
+
+    law: RecordedLaw
+    joint: int
+    chance: str
+    size: float
+
+    @property
+    def name(self) -> str:
+        """Name of its diagnosis."""
+        return f"{self.law.name}_{self.joint}_{self.chance}"
+
+
+def size_parameters(effect: str) -> tuple[str, ...]:
+    """The parameters of an effect whose length is its size."""
+    return VECTORS.get(effect, CATALOGUE[effect].names[:1])
+
+
+def size_of(effect: str, values: Values) -> float:
+    """Size of an effect on one place, by the values of its parameters."""
+    parts = [np.ravel(values[name]) for name in size_parameters(effect)]
+    return float(np.linalg.norm(np.concatenate(parts)))
+
+
+def put_in(case: Case, planned: Planned, seed: int) -> Case:
+    """The case with an effect in all of its recordings, by one draw of what the law leaves open.
+
+    Args:
+        case: with torque in every recording.
+        planned: what is put in.
+        seed: of the draw.
+    """
+    rng = np.random.default_rng([seed, crc32(planned.name.encode())])
+    law, count = planned.law, len(case.recordings)
+    every = (*case.recordings, *case.judged)
+    scenes = [Scene(recording, case.arm, case.arm) for recording in every]
+    longest = max(scenes, key=lambda scene: scene.recording.duration)
+    joints = np.array([planned.joint - 1] * (planned.joint > 0), dtype=int)
+    drawn = law.draw(rng, longest, joints)
+    x = law.start * rng.choice([-1.0, 1.0] if law.signed else [1.0], 1)
+
+    def changed(scene: Scene) -> Changed:
+        return law.apply(Put(scene, scene.recording, joints, x, drawn))
+
+    for _ in range(ROUNDS):
+        x = x * planned.size / size_of(law.name, changed(longest)[1])
+    found = tuple(changed(scene)[0] for scene in scenes)
+    return replace(case, recordings=found[:count], judged=found[count:])
+
+
+def rehearse(
+    case: Case | str | Path,
+    out: str | Path | None = None,
+    *,
+    effects: Sequence[str] = (),
+    joints: Sequence[int] = (),
+    sizes: Sequence[str] = SIZES[:2],
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> DocumentResult:
+    """Put effects of known size into the recordings of a case, one at a time, and diagnose each.
+
+    The laws are not the catalogue's. References are left out, as nobody knows how the effects would have changed them;
+    so they are in the diagnosis of the recordings as they are, whose names do not count.
+
+    Args:
+        case: the case, or its folder.
+        out: folder of the diagnoses: those that are there, of the same recordings by the same program, are kept.
+        effects: names; by default all that there is a law for and the arm can have.
+        joints: from 1; by default one of each effect, drawn.
+        sizes: some of ``SIZES``.
+        seed: of joints, signs and what else is drawn.
+        jobs: diagnoses at a time.
+        progress: called with a few words at each step.
+
+    Raises:
+        InputError: the case has no torque, or a name or joint is not known.
+        GapscopeError: the case cannot be diagnosed as it is, or the run was stopped.
+
+    Examples:
+        >>> import gapscope
+        >>> gapscope.rehearse("my_arm", "rehearsal", effects=["payload"])  # doctest: +SKIP
+    """
+    loaded = case_of(case)
+    numbers = [str(joint) for joint in range(1, loaded.arm.n_joints + 1)]
+    asked: Sequence[tuple[str, Sequence[object], Collection[str]]] = (
+        ("effect", effects, RECORDED_LAWS),
+        ("joint", [str(joint) for joint in joints], numbers),
+        ("sizes", sizes, SIZES),
+    )
+    for option, names, known in asked:
+        for name in names:
+            check_known(option, name, known, where=option)
+    # nobody knows how an effect would have changed the references
+    bare, judged = (
+        tuple(replace(r, q_ref=None, dq_ref=None) for r in own if r.tau is not None)
+        for own in (loaded.recordings, loaded.judged)
+    )
+    if not bare:
+        raise InputError(
+            "has no torque, into which an effect could be put",
+            "give recordings with tau1..",
+            file=loaded.name,
+        )
+    stripped = replace(
+        loaded, recordings=bare, judged=judged, controller=None, file=None
+    )
+    with TemporaryDirectory(prefix="gapscope-") as aside:
+        folder = Path(out or aside)
+        with locked(folder):
+            baseline = _diagnosed({AS_IS: stripped}, folder, 1, progress)[AS_IS]
+            if isinstance(baseline, str):
+                raise GapscopeError(
+                    f"as it is, the case cannot be diagnosed: {baseline}",
+                    "gapscope check says what its recordings cannot show",
+                )
+            laws = [RECORDED_LAWS[name] for name in effects or RECORDED_LAWS]
+            planned = list(_planned(loaded.arm, laws, baseline, joints, sizes, seed))
+            cases = {one.name: put_in(stripped, one, seed) for one in planned}
+            found = _diagnosed(cases, folder, jobs, progress)
+    rows = [_row(loaded.arm, one, baseline, found[one.name]) for one in planned]
+    content = {
+        "schema": 1,
+        "case": loaded.name,
+        **arm_entry(loaded.arm),
+        "seed": seed,
+        "summary": sentence(rows),
+        "as_is": [_text(number) for number in _named(baseline).values()],
+        "rows": rows,
+        KEY: made_from(loaded),
+    }
+    document = plain(content, null_if_not_finite=True)
+    return DocumentResult(
+        "rehearsal", document, summary, itemgetter("rows"), write_page
+    )
+
+
+def _planned(
+    arm: NominalArm,
+    laws: Sequence[RecordedLaw],
+    baseline: Document,
+    joints: Sequence[int],
+    sizes: Sequence[str],
+    seed: int,
+) -> Iterator[Planned]:
+    """What is put in: nothing that the arm cannot have, or that is named as it is."""
+    expected: dict[tuple[str, int], dict[str, Any]] = defaultdict(dict)
+    for entry in baseline["expected"]:
+        expected[entry["effect"], sum(entry["joints"])] = entry
+    taken = {(effect, joint or 0) for effect, joint, _ in _named(baseline)}
+    scale = ArmScale.of(arm)
+    for law in laws:
+        rng = np.random.default_rng([seed, crc32(law.name.encode())])
+        every = list(joints) or range(1, arm.n_joints + 1)
+        places = [0] if law.place == "arm" else every
+        free = [place for place in places if (law.name, place) not in taken]
+        if not law.slides and all(arm.sliding):
+            continue
+        if not joints and len(free) > 1:
+            likely = [p for p in free if expected[law.name, p].get("nine_of_ten")]
+            free = [int(rng.choice(likely or free))]
+        for place in free:
+            entry = expected[law.name, place]
+            given = {chance: entry[chance] for chance in sizes if entry.get(chance)}
+            if "severity" in sizes or not given:
+                usual = draw(law.name, rng, scale, (place,)).parameters
+                given["severity"] = size_of(law.name, usual)
+            for chance, size in given.items():
+                yield Planned(law, place, chance, abs(size))
+
+
+def _diagnosed(
+    cases: Mapping[str, Case], out: Path, jobs: int, progress: Progress
+) -> dict[str, Document | str]:
+    """The diagnosis of each case, kept from an earlier run or made now; or why there is none."""
+    found: dict[str, Document | str] = {}
+    for name, case in cases.items():
+        kept = finished(case, out / name)
+        if kept is not None:
+            found[name] = kept
+    calls = [(cases[name], out, name, None, ()) for name in cases if name not in found]
+    results = in_order(diagnose_one_of_many, calls, jobs, LOCAL)
+    for (_, _, name, *_), result in zip(calls, results, strict=True):
+        if isinstance(result, Exception):
+            found[name] = str(result)
+        else:
+            row, _ = result
+            found[name] = dict(row.document) if row.document else row.problem
+        progress(f"{len(found)} of {len(cases)} diagnosed, {name}")
+    return found
+
+
+UNSAID = dict.fromkeys(("value", "std", "probability"))
+"""What a diagnosis says of an effect that it does not mention."""
+Place = tuple[str, int | None, int | None]
+"""Effect, joint and link, from 1."""
+
+
+def _named(document: Document, section: str = "effects") -> dict[Place, Number]:
+    """A number of each effect on each place that a diagnosis names."""
+    numbers = [n for entry in document[section] for n in numbers_of(entry)]
+    return {(n.effect, n.joint, n.link): n for n in numbers}
+
+
+def _text(number: Number) -> str:
+    return f"{effect_name(number.effect)}, {number.place}"
+
+
+def _row(
+    arm: NominalArm, planned: Planned, baseline: Document, found: Document | str
+) -> dict[str, Any]:
+    """What was put in, what was named, and the value said."""
+    effect, joint = planned.law.name, planned.joint or None
+    names = size_parameters(effect)
+    slides = joint is not None and arm.sliding[joint - 1]
+    row: dict[str, Any] = {
+        "effect": effect,
+        "joint": joint,
+        "parameter": names[0],
+        "unit": joint_unit(CATALOGUE[effect].parameter(names[0]).unit, slides),
+        "chance": planned.chance,
+        "size": planned.size,
+        "diagnosis": planned.name,
+    }
+    if isinstance(found, str):
+        return row | {"outcome": "failed", "named": [found], **UNSAID}
+    before, now = _named(baseline), _named(found)
+    new = [number for place, number in now.items() if place not in before]
+    right = any((n.effect, n.joint) == (effect, joint) for n in new)
+    row["outcome"] = "found" if right else "confused" if new else "missed"
+    row["named"] = [_text(number) for number in new]
+    for entry in (*found["effects"], *found["possible"]):
+        own = [n for n in numbers_of(entry) if (n.effect, n.joint) == (effect, joint)]
+        sized = [n for n in own if n.parameter in names]
+        if sized:
+            value, std = np.array([(n.value, n.std) for n in sized], dtype=float).T
+            size = np.linalg.norm(value)
+            spread = np.linalg.norm(value * std) / size
+            known = entry["probability"]
+            return row | {"value": size, "std": spread, "probability": known}
+    return row | UNSAID

@@ -1,0 +1,92 @@
+"""The command rehearse: what is put in, found or not; what is kept of an earlier run; what cannot be asked."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from gapscope.arm.case import load_case
+from gapscope.arm.io.json_file import schema
+from gapscope.blind_check.generator.recorded import RECORDED_LAWS
+from gapscope.many.rehearse import Planned, put_in, size_of
+
+Command = Callable[..., Any]
+
+
+def test_what_is_put_in_is_found_beside_what_was_there_and_kept(
+    gapscope: Command, sick: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    asked = ("--effect", "torque_scale", "--joint", 1, "--sizes", "severity")
+    done = gapscope("rehearse", sick, "--out", out, *asked)
+    assert done.code == 0, done.err
+    content = json.loads((out / "rehearsal.json").read_text(encoding="utf-8"))
+    Draft202012Validator(schema("rehearsal")).validate(content)
+    assert content["as_is"] == ["viscous friction, joint 2"]
+    (row,) = content["rows"]
+    assert row["outcome"] == "found" and row["named"] == ["torque scale, joint 1"]
+    assert row["value"] == pytest.approx(row["size"], rel=0.3)
+    assert content["summary"].startswith("Of 1 effects put in 1 are found")
+    assert content["summary"] in " ".join(done.out.split())
+    assert "Plotly.newPlot" in (out / "rehearsal.html").read_text(encoding="utf-8")
+    diagnosis = out / row["diagnosis"] / "diagnosis.json"
+    made = diagnosis.stat().st_mtime_ns
+    again = gapscope("rehearse", sick, "--out", out, *asked, "--json")
+    assert json.loads(again.out)["rows"] == content["rows"]
+    assert diagnosis.stat().st_mtime_ns == made
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--effect", "torque_scales"), "did you mean 'torque_scale'?"),
+        (("--joint", "3"), "known are 1, 2"),
+        (("--sizes", "huge"), "known are half, nine_of_ten, severity"),
+    ],
+)
+def test_names_what_cannot_be_asked(
+    gapscope: Command, sick: Path, options: tuple[str, ...], said: str
+) -> None:
+    done = gapscope("rehearse", sick, *options)
+    assert done.code == 2 and said in " ".join(done.err.split())
+
+
+def test_a_case_without_torque_cannot_be_rehearsed(
+    gapscope: Command, sick: Path
+) -> None:
+    file = sick / "case.yaml"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(f"{text}import: {{tau: null}}\n", encoding="utf-8")
+    done = gapscope("rehearse", sick)
+    assert done.code == 2 and "has no torque" in done.err
+
+
+@pytest.mark.parametrize("name", RECORDED_LAWS)
+def test_every_law_puts_in_the_size_that_is_asked_in_every_recording(
+    sick: Path, name: str
+) -> None:
+    case, law = load_case(sick), RECORDED_LAWS[name]
+    joint = 0 if law.place == "arm" else 2
+    planned = Planned(law, joint, "severity", 0.02)
+    changed = put_in(case, planned, 1)
+    twice = put_in(case, planned._replace(size=0.04), 1)
+    for before, once, more in zip(
+        case.recordings, changed.recordings, twice.recordings, strict=True
+    ):
+        count = len(more.t)
+        channel = "q" if name == "encoder_offset" else "tau"
+        first, one, two = (getattr(r, channel)[:count] for r in (before, once, more))
+        assert one.shape == two.shape and (one != first).any()
+        ratio = abs(two - first).mean() / abs(one - first).mean()
+        assert ratio == pytest.approx(2.0, rel=0.1)
+
+
+def test_a_size_is_the_length_of_a_vector() -> None:
+    assert size_of("base_tilt", {"roll": 3.0, "pitch": 4.0}) == 5.0
+    assert math.isclose(size_of("torque_scale", {"scale": [-0.2]}), 0.2)
