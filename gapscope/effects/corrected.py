@@ -293,11 +293,9 @@ class CorrectedArm:
         # of the bodies with all that they gained: that bends as well
         matrices = body.changed(increments).sensitivities(*state)
         if width.any():
-            torque = through_play(
-                matrices, motion.rate, torque, width, stiffness, damping
-            )
+            torque = through_play(matrices, motion, torque, width, stiffness, damping)
         if elastic.any():
-            torque = through_springs(matrices, motion.rate, torque, elastic, damping)
+            torque = through_springs(matrices, motion, torque, elastic, damping)
         return torque
 
     def _body_torque(

@@ -111,12 +111,12 @@ FARTHEST = 1e3
 LIGHTEST = 1e-9
 """Least inertia about a joint [kg m^2]."""
 CALM = 0.3
-"""For this long the springs are damped critically at first: how they swung before the recording is not known [s]."""
+"""For this long springs are damped critically at first, if the arm moves: how they swung before is not known [s]."""
 
 
 def through_springs(
     matrices: Matrices,
-    rate: float,
+    motion: Motion,
     torque: np.ndarray,
     stiffness: np.ndarray,
     damping: np.ndarray,
@@ -128,16 +128,16 @@ def through_springs(
         M delta'' + (C + D) delta' + (G + K) delta = tau
 
     with tau the torque as if delta were zero, C and G its derivatives by velocity and position, and K, D the springs
-    and dampers; the torque is tau - M delta'' - C delta' - G delta. Central differences, from rest, with more
-    damping for the first ``CALM`` seconds; joints without a spring have delta = 0.
+    and dampers; the torque is tau - M delta'' - C delta' - G delta. Central differences, from rest; of an arm that moves
+    already, with more damping for the first ``CALM`` seconds. Joints without a spring have delta = 0.
 
     Args:
         matrices: derivatives of the bodies' torque by the motors' position, velocity and acceleration.
-        rate: sampling rate [Hz].
-        torque: inverse dynamics of the motors' motion [N m], shape (N, n).
+        motion: of the motors.
+        torque: inverse dynamics of that [N m], shape (N, n).
         stiffness, damping: per joint [N m/rad], [N m s/rad], shape (n,); 0 if there is no spring.
     """
-    springs = Springs(matrices, rate, torque, stiffness, damping)
+    springs = Springs(matrices, motion, torque, stiffness, damping)
     return np.asarray(torque - springs.of_bodies(springs.delta[:, :, None])[:, :, 0])
 
 
@@ -153,11 +153,12 @@ class Springs:
     def __init__(
         self,
         matrices: Matrices,
-        rate: float,
+        motion: Motion,
         torque: np.ndarray,
         stiffness: np.ndarray,
         damping: np.ndarray,
     ) -> None:
+        rate = motion.rate
         self.elastic = np.flatnonzero(stiffness > 0)
         self._matrices, self._stiffness = matrices, stiffness[self.elastic]
         block = np.ix_(np.arange(len(torque)), self.elastic, self.elastic)
@@ -170,9 +171,9 @@ class Springs:
         fastest = max(frequency[slow], default=0.0)
         self._parts = int(np.ceil(fastest / rate / PHASE_PER_STEP)) or 1
         self._step = 1.0 / (rate * self._parts)
-        # critical damping that fades over the first ``CALM`` seconds
+        # critical damping that fades over the first ``CALM`` seconds: springs of an arm that stands still do not swing
         fading = 1.0 - np.arange(len(mass)) * (1.0 / rate) / CALM
-        calm = 2 * np.clip(fading, 0.0, 1.0)[:, None, None]
+        calm = 2 * np.clip(fading, 0.0, 1.0)[:, None, None] * _moves_at_first(motion)
         calmed = calm * frequency * mass * np.eye(len(frequency))
         d = by_velocity + np.diag(damping[self.elastic]) + calmed
         keep = np.outer(slow, slow)
@@ -212,6 +213,14 @@ class Springs:
             for matrix, x in zip(self._matrices, rates, strict=True)
         ]
         return np.asarray(sum(parts))
+
+
+def _moves_at_first(motion: Motion) -> float:
+    """How fast an arm moves at first, over the usual speed of the joint that moves most, at most 1 [1]."""
+    usual = np.sqrt((motion.dq**2).mean(axis=0))
+    first = np.abs(motion.dq[0])
+    moving = usual > 0
+    return float(np.clip(first[moving] / usual[moving], 0.0, 1.0).max(initial=0.0))
 
 
 def finer(series: np.ndarray, parts: int) -> np.ndarray:
@@ -267,7 +276,7 @@ LONGEST_STEP = 2e-3
 
 def through_play(
     matrices: Matrices,
-    rate: float,
+    motion: Motion,
     torque: np.ndarray,
     width: np.ndarray,
     stiffness: np.ndarray,
@@ -280,10 +289,10 @@ def through_play(
     at a time; a joint without a spring has a contact of ``CONTACT``.
 
     Args:
-        matrices, rate, torque, stiffness, damping: as for ``through_springs``.
+        matrices, motion, torque, stiffness, damping: as for ``through_springs``.
         width: whole free play per joint [rad], shape (n,); 0 if there is none.
     """
-    deltas = _deflections(matrices, rate, torque, width, stiffness, damping)
+    deltas = _deflections(matrices, motion.rate, torque, width, stiffness, damping)
     return torque - of_bodies(matrices, deltas)
 
 

@@ -413,9 +413,9 @@ class Transmission(Effect):
     transmission [N m] changes slowly; it lags behind the torque by the time constant ``lag(*values)`` [s].
 
     Attributes:
-        behind: torque that the bodies need of the motors behind it [N m], (N, n), ``behind(matrices, rate, torque,
+        behind: torque that the bodies need of the motors behind it [N m], (N, n), ``behind(matrices, motion, torque,
             *values)`` with the derivatives of their torque by the links' position, velocity and acceleration, (N, n, n)
-            each, the sampling rate [Hz] and their torque if the joint were rigid [N m], (N, n).
+            each, the motors' motion and the torque if the joint were rigid [N m], (N, n).
         derivatives: as ``columns``, where it begins and in use; ``None`` for central differences.
         starts: linear coordinates to begin a fit with, (linear,) each: ``starts(inertia, torque)`` of a joint that
             moves an inertia [kg m^2] by a torque [N m], (N,); a linearisation around none of it shows nothing.

@@ -103,8 +103,7 @@ def _springs(effect: Transmission, at: Mechanics, x: np.ndarray) -> Springs | No
     if (at.value("backlash", "width")[stiffness > 0] > 0).any():
         return None
     torque = at.rigid_with(effect, np.zeros_like(x))
-    rate = at.motion.rate
-    springs = Springs(at.sensitivities, rate, torque, stiffness, damping)
+    springs = Springs(at.sensitivities, at.motion, torque, stiffness, damping)
     return springs if springs.followed else None
 
 
@@ -238,8 +237,8 @@ BACKLASH = Transmission(
     deflection=backlash_deflection,
     lag=np.zeros_like,
     # the gear is closed by its teeth
-    behind=lambda matrices, rate, torque, width: through_play(
-        matrices, rate, torque, width, *np.zeros((2, len(width)))
+    behind=lambda matrices, motion, torque, width: through_play(
+        matrices, motion, torque, width, *np.zeros((2, len(width)))
     ),
     derivatives=backlash_columns,
     starts=backlash_starts,

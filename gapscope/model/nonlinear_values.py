@@ -172,17 +172,24 @@ class Scanner:
             float(self.arm.arm.per_radian[j]),
         )
         assert fitted.grid is not None
-        values = fitted.grid(series, known)
-        if fitted.possible is not None and len(values):
-            # of limits: else to call most of a torque lost would explain any gap
-            needed = np.concatenate([load[:, j] for load in self._load])
-            recorded = np.concatenate(series.recorded)
-            values = values[fitted.possible(values, recorded, needed)]
-        if not len(values):
-            return None
-        x = self._columns_of(term, values, known)
-        gain = self._gains(term, own, others, x, values)
-        best = int(np.argmax(gain))
+        most = -np.inf
+        while True:
+            values = fitted.grid(series, known)
+            if fitted.possible is not None and len(values):
+                # of limits: else to call most of a torque lost would explain any gap
+                needed = np.concatenate([load[:, j] for load in self._load])
+                recorded = np.concatenate(series.recorded)
+                values = values[fitted.possible(values, recorded, needed)]
+            if not len(values):
+                return None
+            x = self._columns_of(term, values, known)
+            gain = self._gains(term, own, others, x, values)
+            best = int(np.argmax(gain))
+            at_end = known is not None and best in (0, len(values) - 1)
+            # what is best at the end of the values about a known one may be better beyond
+            if not at_end or gain[best] <= most:
+                break
+            known, most = float(values[best]), float(gain[best])
         value = _peak(values, gain, best)
         return Found((value,), (_spread(values, value, gain),), _charge(gain))
 
@@ -490,7 +497,7 @@ class CompliantBodies:
             own = [value * self._unit[j] for value in values]
             every = zip(self._matrices, self._data.segments, self.torque, strict=True)
             added = [
-                effect.behind(matrices, s.motion.rate, torque, *own) - torque
+                effect.behind(matrices, s.motion, torque, *own) - torque
                 for matrices, s, torque in every
             ]
             self._known[key] = self._data.rows(added).astype(np.float32)

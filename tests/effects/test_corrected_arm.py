@@ -158,10 +158,10 @@ def test_links_behind_the_motors_carry_the_payload(
     state = motion.q, motion.dq, motion.ddq
     torque, matrices = loaded.inverse_dynamics(*state), loaded.sensitivities(*state)
     if PLAY not in effects:
-        expected = through_springs(matrices, motion.rate, torque, spring, damper)
+        expected = through_springs(matrices, motion, torque, spring, damper)
     else:
         stiff = (spring, damper) if ELASTIC in effects else (none, none)
-        expected = through_play(matrices, motion.rate, torque, width, *stiff)
+        expected = through_play(matrices, motion, torque, width, *stiff)
     for order in itertools.permutations((*effects, PAYLOAD)):
         np.testing.assert_allclose(
             CorrectedArm(two, order).rigid_torque(body, motion), expected, atol=1e-8

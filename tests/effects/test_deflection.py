@@ -69,14 +69,14 @@ def behind_elasticity(
     body: RigidBody, motion: Motion, torque: np.ndarray, *spring: np.ndarray
 ) -> np.ndarray:
     matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
-    return through_springs(matrices, motion.rate, torque, *spring)
+    return through_springs(matrices, motion, torque, *spring)
 
 
 def behind_play(
     body: RigidBody, motion: Motion, torque: np.ndarray, *gear: np.ndarray
 ) -> np.ndarray:
     matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
-    return through_play(matrices, motion.rate, torque, *gear)
+    return through_play(matrices, motion, torque, *gear)
 
 
 def at_rest(angle: float, duration: float = 1.0, n: int = 1) -> Motion:
@@ -204,15 +204,16 @@ class TestElasticity:
             np.hstack([getattr(m, name) for m in (one, other)])
             for name in ("q", "dq", "ddq")
         ]
+        motion = Motion(one.t, *states)
         torque, matrices = body.inverse_dynamics(*states), body.sensitivities(*states)
         lightest = np.diagonal(matrices[2], axis1=1, axis2=2).min(axis=0)
         stiffness = lightest * (2 * np.pi * np.array(natural)) ** 2
         damping = 0.1 * np.sqrt(stiffness * lightest)
 
         def added(k: np.ndarray, d: np.ndarray) -> np.ndarray:
-            return through_springs(matrices, 250.0, torque, k, d)
+            return through_springs(matrices, motion, torque, k, d)
 
-        found = Springs(matrices, 250.0, torque, stiffness, damping).columns
+        found = Springs(matrices, motion, torque, stiffness, damping).columns
         for joint, unit in enumerate(np.eye(2)):
             dk, dd = 1e-3 * stiffness * unit, 1e-3 * damping * unit
             ends = (
