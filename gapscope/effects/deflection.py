@@ -128,8 +128,8 @@ def through_springs(
         M delta'' + (C + D) delta' + (G + K) delta = tau
 
     with tau the torque as if delta were zero, C and G its derivatives by velocity and position, and K, D the springs
-    and dampers; the torque is tau - M delta'' - C delta' - G delta. Central differences, from rest; of an arm that moves
-    already, with more damping for the first ``CALM`` seconds. Joints without a spring have delta = 0.
+    and dampers; the torque is tau - M delta'' - C delta' - G delta. Central differences, from rest; of an arm that
+    moves already, with more damping for the first ``CALM`` seconds. Joints without a spring have delta = 0.
 
     Args:
         matrices: derivatives of the bodies' torque by the motors' position, velocity and acceleration.

@@ -257,13 +257,13 @@ def _end(joint: ET.Element, tag: str) -> str:
 
 # A corrected arm as MJCF: what ``templates/mjcf.xml.j2`` is filled with.
 #
-# Dry friction that Coulomb's law does not say is written as bristles of the LuGre model, which MuJoCo's ``dcmotor`` has.
-# A bristle bends by z and slips at g(v),
+# Dry friction that Coulomb's law does not say is written as bristles of the LuGre model, which MuJoCo's ``dcmotor``
+# has. A bristle bends by z and slips at g(v),
 #
 #     dz/dt = v - sigma0 |v| z / g(v),   friction = sigma0 z + sigma1 dz/dt,   g(v) = Fc + (Fs - Fc) exp(-(v / vs)^2),
 #
-# so that at a constant speed the friction is g(v) sgn v (canudas1995). With Fs = Fc and sigma1 = 0 it is Dahl's model of
-# ``gapscope.effects.friction``, whose distance is Fc / sigma0.
+# so that at a constant speed the friction is g(v) sgn v (canudas1995). With Fs = Fc and sigma1 = 0 it is Dahl's model
+# of ``gapscope.effects.friction``, whose distance is Fc / sigma0.
 
 
 MESHES = (".stl", ".obj", ".msh")
