@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         replay,
     )
     from gapscope.many.fleet import fleet
+    from gapscope.many.matter import matter
     from gapscope.many.rehearse import rehearse
 
     __version__: str
@@ -51,6 +52,7 @@ __all__ = [
     "load_case",
     "load_effects",
     "make_arm",
+    "matter",
     "predict",
     "read_corrected",
     "rehearse",
@@ -64,6 +66,7 @@ _MODULES = {
     "make_arm": "interface.models",
     "read_corrected": "interface.models",
     "fleet": "many.fleet",
+    "matter": "many.matter",
     "rehearse": "many.rehearse",
     **dict.fromkeys(("agree", "audit", "check", "inspect"), "interface.logs"),
     **dict.fromkeys(("export", "gap", "predict", "replay"), "interface.models"),

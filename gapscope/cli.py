@@ -16,7 +16,7 @@ from gapscope.arm.errors import (
     InputError,
     ModelWarning,
 )
-from gapscope.commands.agents import evaluate, identify, residual, train
+from gapscope.commands.agents import evaluate, identify, matter, residual, train
 from gapscope.commands.blind import blind
 from gapscope.commands.diagnose import diagnose
 from gapscope.commands.logs import agree, audit, check, inspect
@@ -33,7 +33,7 @@ SECTIONS = {
     "The gap": (diagnose, rehearse, predict, replay, gap, view, export),
     "Recordings to make": (record, excite, advise),
     "Many arms": (fleet, watch, serve),
-    "Models and agents": (identify, residual, train, evaluate),
+    "Models and agents": (identify, residual, matter, train, evaluate),
     PROJECT: (demo, doctor),
 }
 """Commands by what a person wants, as ``--help`` lists them; those of the sealed check come last."""

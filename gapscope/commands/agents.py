@@ -1,4 +1,4 @@
-"""The commands for models and agents: ``identify``, ``residual``, ``train``, ``evaluate``."""
+"""The commands for models and agents: ``identify``, ``residual``, ``matter``, ``train``, ``evaluate``."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ import typer
 from typer import Argument, Option
 
 from gapscope.commands.options import (
+    AsJson,
     CasePath,
+    Engine,
     File,
+    Folder,
     Model,
     NotNegative,
     Positive,
@@ -127,6 +130,50 @@ def residual(
         content, paths = write_learnt(found, out, onnx=onnx, progress=progress)
     console.print(summary(content))
     wrote(*paths)
+
+
+def matter(
+    case: CasePath,
+    *,
+    task: File,
+    model: Model = None,
+    diagnosis: Folder | None = None,
+    out: Folder | None = None,
+    seeds: Positive = 5,
+    action: str = "residual",
+    motions: str = "fourier",
+    engine: Engine = None,
+    jobs: Positive = 1,
+    json_: AsJson = False,
+) -> None:
+    """Rank the effects found by what they do to a task of yours: each switched on alone, and off alone.
+
+    Args:
+        task: a reference (t, q_ref1.. or q1..) for the case's controller, a policy as .onnx, or an agent's folder
+        diagnosis: folder of a diagnosis in place of --model: values are drawn within its intervals
+        out: folder for matter.html and matter.json
+        seeds: of a policy's motions, and of the values drawn
+        action: kind of actions of an .onnx: torque, residual, scale or gains
+        motions: that a policy tracks, with commas between them
+        jobs: simulations at a time
+    """
+    from gapscope.many.matter import matter as rank
+
+    with Progress(case.name or str(case)) as progress:
+        result = rank(
+            case,
+            task,
+            model=model,
+            diagnosis=diagnosis,
+            seeds=seeds,
+            action=action,
+            motions=split_names(motions),
+            engine=engine,
+            jobs=jobs,
+            progress=progress,
+        )
+        written = () if out is None else result.save(out)
+    show(result, *written, as_json=json_)
 
 
 def train(

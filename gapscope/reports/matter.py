@@ -1,0 +1,112 @@
+"""What matters for a task, on the terminal and as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Group
+
+from gapscope.arm.display import MISSING, display_unit, effect_name, percent
+from gapscope.diagnosis.document.wording import acts_on
+from gapscope.reports.pages import (
+    COLOURS,
+    PLAIN,
+    PageSection,
+    figure_html,
+    subplots,
+    write_plot_page,
+)
+
+HEADS = ("effect", "acts on", "matters", "alone", "all but it", "success", "values")
+TO_MRAD = 1e3
+"""Errors are shown in mrad."""
+
+
+def error_text(interval: Mapping[str, float | None]) -> str:
+    """``3.2 mrad (3.0..3.4)``; of a slide a radian stands for a metre."""
+    if interval["value"] is None or not np.isfinite(interval["value"]):
+        return "diverged"
+    low, value, high = (
+        MISSING if x is None else f"{TO_MRAD * x:.3g}"
+        for x in (interval["low"], interval["value"], interval["high"])
+    )
+    return f"{value} mrad" if low == high else f"{value} mrad ({low}..{high})"
+
+
+def sentence(content: Mapping[str, Any]) -> str:
+    """What matters most and least, beside the errors without and with all effects."""
+    first, last = content["rows"][0], content["rows"][-1]
+    text = (
+        f"Tracking error of {error_text(content['nominal']['error'])} without effects and "
+        f"{error_text(content['all']['error'])} with all; {_name(first)} matters most: {error_text(first['matters'])}"
+    )
+    if last is not first:
+        text += f", {_name(last)} least: {error_text(last['matters'])}"
+    return f"{text}."
+
+
+def _name(row: Mapping[str, Any]) -> str:
+    """``coulomb friction (joint 2)``."""
+    return f"{effect_name(row['effect'])} ({acts_on(row)})"
+
+
+def table(content: Mapping[str, Any]) -> PageSection:
+    """A row for each effect, what matters most first."""
+    rows = []
+    for row in content["rows"]:
+        values = []
+        for name, known in row["range"].items():
+            low, high = np.min(known["low"]), np.max(known["high"])
+            factor, unit = display_unit(known["unit"], float(np.abs(high)))
+            ends = dict.fromkeys((f"{factor * low:.3g}", f"{factor * high:.3g}"))
+            values.append(f"{name} {' to '.join(ends)} {unit}".strip())
+        success = (row[key]["success"]["value"] for key in ("alone", "without"))
+        rows.append(
+            (
+                effect_name(row["effect"]),
+                acts_on(row),
+                error_text(row["matters"]),
+                error_text(row["alone"]["error"]),
+                error_text(row["without"]["error"]),
+                ", ".join(percent(x) for x in success),
+                "; ".join(values),
+            )
+        )
+    return PageSection("What each effect does to the task", HEADS, rows)
+
+
+def summary(content: Mapping[str, Any]) -> Group:
+    """The table and its sentence on a terminal."""
+    return Group(table(content).on_terminal(**PLAIN), "", content["summary"])
+
+
+def write_page(content: Mapping[str, Any], path: Path) -> None:
+    """Write the page: a bar for each effect, and the table.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    rows = content["rows"][::-1]
+    series = [[row["matters"][key] for row in rows] for key in ("low", "value", "high")]
+    low, value, high = TO_MRAD * np.array(series, dtype=float)
+    figure = subplots(1)
+    figure.add_bar(
+        x=value.tolist(),
+        y=[_name(row) for row in rows],
+        orientation="h",
+        marker={"color": COLOURS[0]},
+        error_x={
+            "type": "data",
+            "symmetric": False,
+            "array": (high - value).tolist(),
+            "arrayminus": (value - low).tolist(),
+        },
+    )
+    figure.update_xaxes(title="change of the tracking error [mrad]")
+    drawn = figure_html(figure, "matter", 160 + 30 * len(rows))
+    title = f"{content['case']}: what matters for {content['task']}"
+    sections = (PageSection(figure=drawn), table(content))
+    write_plot_page(path, title, content["summary"], sections)
