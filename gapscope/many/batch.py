@@ -113,9 +113,16 @@ class Batch:
             (place(self.by_folder[name]), place(self.out), name + ending, against, left_out.get(name, ()))
             for name in names
         ]  # fmt: skip
-        results = in_order(diagnose_one_of_many, calls, self.jobs, self.backend)
-        for (*_, folder, _, _), result in zip(calls, results, strict=True):
-            yield _failed(folder, result) if isinstance(result, Exception) else result
+        return diagnose_calls(calls, self.jobs, self.backend)
+
+
+def diagnose_calls(
+    calls: Sequence[tuple[Any, ...]], jobs: int, backend: str
+) -> Iterator[Done]:
+    """Make calls of ``diagnose_one_of_many``, so many at a time, and give each result in order, also what failed."""
+    results = in_order(diagnose_one_of_many, calls, jobs, backend)
+    for (*_, folder, _, _), result in zip(calls, results, strict=True):
+        yield _failed(folder, result) if isinstance(result, Exception) else result
 
 
 def finished(

@@ -31,7 +31,7 @@ from gapscope.effects.effect import External
 from gapscope.envs.actions import control
 from gapscope.envs.effect_ranges import EffectRange
 from gapscope.envs.engines import check_engine
-from gapscope.envs.episode import LOOK_AHEAD, SUB_STEPS, TIME_STEP
+from gapscope.envs.environment import LOOK_AHEAD, SUB_STEPS, TIME_STEP
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.replay import replay
 from gapscope.interface.models import Model, case_of, corrected_arm
@@ -200,13 +200,16 @@ def matter(
     if file is not None:
         ranges = read_ranges(file, replace(corrected, effects=lasting), ()).ranges
     asked = read_task(task, loaded, action, motions)
-    random = file is not None or isinstance(asked[0], Path)
-    count = seeds if random else 1
+    # without a policy's motions or intervals all seeds are the same
+    count = seeds if file or isinstance(asked[0], Path) else 1
     calls = []
     for seed in range(count):
         rng = np.random.default_rng(seed)
-        drawn = tuple(one.draw(rng) for one in ranges) if file else lasting
-        calls += [(arm, own, asked, seed, engine) for own in _switched(drawn)]
+        drawn = tuple(one.draw(rng) for one in ranges)
+        alone = [(one,) for one in drawn]
+        without = [tuple(e for e in drawn if e is not one) for one in drawn]
+        switched = [(), drawn, *alone, *without]
+        calls += [(arm, effects, asked, seed, engine) for effects in switched]
     results = []
     for result in in_order(carried_out, calls, jobs, LOCAL):
         if isinstance(result, Exception):
@@ -228,13 +231,6 @@ def matter(
     content["summary"] = sentence(content)
     document = plain(content, null_if_not_finite=True)
     return DocumentResult("matter", document, summary, itemgetter("rows"), write_page)
-
-
-def _switched(effects: Effects) -> list[Effects]:
-    """None, all, each alone, and all but each."""
-    alone = [(one,) for one in effects]
-    without = [tuple(e for e in effects if e is not one) for one in effects]
-    return [(), effects, *alone, *without]
 
 
 def _interval(values: np.ndarray) -> dict[str, float]:

@@ -37,8 +37,8 @@ from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.severity import draw
 from gapscope.interface.models import case_of
 from gapscope.interface.result import Document, DocumentResult
-from gapscope.many.batch import diagnose_one_of_many, finished
-from gapscope.many.workers import LOCAL, in_order
+from gapscope.many.batch import diagnose_calls, finished
+from gapscope.many.workers import LOCAL
 from gapscope.provenance import KEY, made_from
 from gapscope.reports.rehearsal import sentence, summary, write_page
 
@@ -171,13 +171,18 @@ def rehearse(
         folder = Path(out or aside)
         with locked(folder):
             baseline = _diagnosed({AS_IS: stripped}, folder, 1, progress)[AS_IS]
-            if isinstance(baseline, str):
+            if "problem" in baseline:
                 raise GapscopeError(
-                    f"as it is, the case cannot be diagnosed: {baseline}",
+                    f"as it is, the case cannot be diagnosed: {baseline['problem']}",
                     "gapscope check says what its recordings cannot show",
                 )
             laws = [RECORDED_LAWS[name] for name in effects or RECORDED_LAWS]
             planned = list(_planned(loaded.arm, laws, baseline, joints, sizes, seed))
+            if not planned:
+                raise InputError(
+                    "all that is asked for is named as it is, or this arm cannot have it",
+                    "choose another --effect or --joint; what changed on top is for gapscope diagnose --against",
+                )
             cases = {one.name: put_in(stripped, one, seed) for one in planned}
             found = _diagnosed(cases, folder, jobs, progress)
     rows = [_row(loaded.arm, one, baseline, found[one.name]) for one in planned]
@@ -207,7 +212,7 @@ def _planned(
 ) -> Iterator[Planned]:
     """What is put in: nothing that the arm cannot have, or that is named as it is."""
     expected: dict[tuple[str, int], dict[str, Any]] = defaultdict(dict)
-    for entry in baseline["expected"]:
+    for entry in baseline.get("expected", ()):
         expected[entry["effect"], sum(entry["joints"])] = entry
     taken = {(effect, joint or 0) for effect, joint, _ in _named(baseline)}
     scale = ArmScale.of(arm)
@@ -233,27 +238,19 @@ def _planned(
 
 def _diagnosed(
     cases: Mapping[str, Case], out: Path, jobs: int, progress: Progress
-) -> dict[str, Document | str]:
-    """The diagnosis of each case, kept from an earlier run or made now; or why there is none."""
-    found: dict[str, Document | str] = {}
-    for name, case in cases.items():
-        kept = finished(case, out / name)
-        if kept is not None:
-            found[name] = kept
+) -> dict[str, Document]:
+    """The diagnosis of each case, kept from an earlier run or made now; its ``problem`` if there is none."""
+    kept = {name: finished(case, out / name) for name, case in cases.items()}
+    found = {name: content for name, content in kept.items() if content is not None}
     calls = [(cases[name], out, name, None, ()) for name in cases if name not in found]
-    results = in_order(diagnose_one_of_many, calls, jobs, LOCAL)
-    for (_, _, name, *_), result in zip(calls, results, strict=True):
-        if isinstance(result, Exception):
-            found[name] = str(result)
-        else:
-            row, _ = result
-            found[name] = dict(row.document) if row.document else row.problem
+    done = diagnose_calls(calls, jobs, LOCAL)
+    for (_, _, name, *_), (row, _) in zip(calls, done, strict=True):
+        nothing: Document = {"problem": row.problem, "effects": [], "possible": []}
+        found[name] = dict(row.document or nothing)
         progress(f"{len(found)} of {len(cases)} diagnosed, {name}")
     return found
 
 
-UNSAID = dict.fromkeys(("value", "std", "probability"))
-"""What a diagnosis says of an effect that it does not mention."""
 Place = tuple[str, int | None, int | None]
 """Effect, joint and link, from 1."""
 
@@ -269,35 +266,37 @@ def _text(number: Number) -> str:
 
 
 def _row(
-    arm: NominalArm, planned: Planned, baseline: Document, found: Document | str
+    arm: NominalArm, planned: Planned, baseline: Document, found: Document
 ) -> dict[str, Any]:
     """What was put in, what was named, and the value said."""
     effect, joint = planned.law.name, planned.joint or None
-    names = size_parameters(effect)
+    names, place = size_parameters(effect), (effect, joint)
     slides = joint is not None and arm.sliding[joint - 1]
-    row: dict[str, Any] = {
+    before, now = _named(baseline), _named(found)
+    new = [number for key, number in now.items() if key not in before]
+    right = any((n.effect, n.joint) == place for n in new)
+    outcome = "found" if right else "confused" if new else "missed"
+    problem = found.get("problem")
+    said = [
+        (entry["probability"], n.value, n.std)
+        for entry in (*found["effects"], *found["possible"])
+        for n in numbers_of(entry)
+        if (n.effect, n.joint) == place and n.parameter in names
+    ]
+    # what is not said is not a number
+    known, value, std = np.array(said or [(None,) * 3], dtype=float).T
+    size = np.linalg.norm(value)
+    return {
         "effect": effect,
         "joint": joint,
         "parameter": names[0],
         "unit": joint_unit(CATALOGUE[effect].parameter(names[0]).unit, slides),
         "chance": planned.chance,
         "size": planned.size,
+        "outcome": "failed" if problem else outcome,
+        "named": [problem] if problem else [_text(number) for number in new],
+        "value": size,
+        "std": np.linalg.norm(value * std) / size,
+        "probability": known[0],
         "diagnosis": planned.name,
     }
-    if isinstance(found, str):
-        return row | {"outcome": "failed", "named": [found], **UNSAID}
-    before, now = _named(baseline), _named(found)
-    new = [number for place, number in now.items() if place not in before]
-    right = any((n.effect, n.joint) == (effect, joint) for n in new)
-    row["outcome"] = "found" if right else "confused" if new else "missed"
-    row["named"] = [_text(number) for number in new]
-    for entry in (*found["effects"], *found["possible"]):
-        own = [n for n in numbers_of(entry) if (n.effect, n.joint) == (effect, joint)]
-        sized = [n for n in own if n.parameter in names]
-        if sized:
-            value, std = np.array([(n.value, n.std) for n in sized], dtype=float).T
-            size = np.linalg.norm(value)
-            spread = np.linalg.norm(value * std) / size
-            known = entry["probability"]
-            return row | {"value": size, "std": spread, "probability": known}
-    return row | UNSAID

@@ -40,6 +40,9 @@ def test_what_is_put_in_is_found_beside_what_was_there_and_kept(
     again = gapscope("rehearse", sick, "--out", out, *asked, "--json")
     assert json.loads(again.out)["rows"] == content["rows"]
     assert diagnosis.stat().st_mtime_ns == made
+    there = ("--effect", "viscous_friction", "--joint", 2)
+    done = gapscope("rehearse", sick, "--out", out, *there)
+    assert done.code == 2 and "is named as it is" in done.err
 
 
 @pytest.mark.parametrize(
