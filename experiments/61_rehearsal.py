@@ -1,7 +1,7 @@
 """What `gapscope rehearse` finds of effects put into recordings: of a generated healthy arm, and of real ones.
 
     GAPSCOPE_DATA=.../data .venv/bin/python experiments/61_rehearsal.py --out out/rehearsal [--jobs 2]
-        [--cases generated,ur10] [--effects payload,torque_scale] [--sizes nine_of_ten]
+        [--cases generated,emps] [--effects payload,torque_scale] [--sizes nine_of_ten]
 
 The generated arm comes from the blind check's generator, and has nothing but what a healthy arm has. The page quotes
 one row for each case and size: effects put in, found, taken for something else, missed, and the median of value said
@@ -42,7 +42,7 @@ def main() -> None:
     parser = command_line(
         __doc__,
         out=Path("out/rehearsal"),
-        cases=f"{GENERATED},ur10",
+        cases=f"{GENERATED},emps",
         effects="",
         sizes="half,nine_of_ten",
         jobs=1,
