@@ -149,7 +149,7 @@ def matter(
     """Rank the effects found by what they do to a task of yours: each switched on alone, and off alone.
 
     Args:
-        task: a reference (t, q_ref1.. or q1..) for the case's controller, a policy as .onnx, or an agent's folder
+        task: a trajectory (t, q1..) or a recording (its q_ref1..), a policy as .onnx, or an agent's folder
         diagnosis: folder of a diagnosis in place of --model: values are drawn within its intervals
         out: folder for matter.html and matter.json
         seeds: of a policy's motions, and of the values drawn

@@ -54,8 +54,8 @@ def read_task(
     """What the arm is to do.
 
     Args:
-        task: a reference to follow, as a recording or a file with t, q_ref1.. or q1..; a policy as ONNX; or the folder
-            of a trained agent.
+        task: a reference to follow, as a recording or a file with t, q1.. (of one with q_ref1.. those); a policy as
+            ONNX; or the folder of a trained agent.
         case: whose controller follows the reference; one with gains that fit the arm if it has none.
         action: kind of a policy's actions, ``gapscope.envs.actions.ACTION_KINDS``.
         motions: that a policy tracks.
