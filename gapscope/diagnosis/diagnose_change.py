@@ -784,7 +784,8 @@ class _Document(Document):
                 "torque_nrmse": numbers(held_out / rows.scale),
             },
             "inherent": [_plain(effect) for effect in comparison.effects()],
-            "expected": self._expected(),
+            # how large further effects would have to be for these recordings to show them
+            "expected": expected_entries(detectable(self._reference.difference, CASE)),
             "remainder": {"torque_nrmse": numbers(possible.lacking / rows.scale)},
             "today": {
                 **_listed(comparison.sheet(CASE)),
@@ -792,10 +793,6 @@ class _Document(Document):
                 "friction_allowed": FRICTION_DAY_TO_DAY,
             },
         }
-
-    def _expected(self) -> list[dict[str, Any]]:
-        """How large further effects would have to be for these recordings to show them."""
-        return expected_entries(detectable(self._reference.difference, CASE))
 
     def _sheet_deviations(self) -> dict[str, np.ndarray]:
         """Standard deviations of what was identified of the data sheet, (n,) each."""
