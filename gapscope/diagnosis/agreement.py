@@ -11,11 +11,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import effect_name, percent
+from gapscope.arm.display import effect_name, listing, percent
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.document.wording import listing
 from gapscope.diagnosis.thresholds import (
     COVARIATE_CHANGE,
     COVARIATE_SHARE,

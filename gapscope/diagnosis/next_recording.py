@@ -11,13 +11,13 @@ from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import effect_name, percent, significant
+from gapscope.arm.display import effect_name, listing, percent, significant
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.comparison import NONE
-from gapscope.diagnosis.document.wording import acts_on, listing
+from gapscope.diagnosis.document.wording import acts_on
 from gapscope.diagnosis.selection.search import search_of
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
