@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from scipy.constants import micro, milli
 
@@ -70,6 +71,14 @@ def nrmse(value: float | None) -> str:
     return (
         MISSING if value is None else f"{value:.3f}" if value < 10.0 else f"{value:.0f}"
     )
+
+
+def listing(parts: Sequence[str]) -> str:
+    """Parts joined as in a sentence: ``a, b and c``."""
+    if len(parts) < 2:
+        return "".join(parts)
+    first = ", ".join(parts[:-1])
+    return f"{first} and {parts[-1]}"
 
 
 def percent(fraction: float | None) -> str:

@@ -22,7 +22,6 @@ from gapscope.arm.io.log import READERS, open_log
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, STILL, Recording, resting
-from gapscope.diagnosis.document.expected import expected_entries
 from gapscope.diagnosis.prepare import Progress, silent, with_torque
 from gapscope.diagnosis.selection.search import could_show
 from gapscope.diagnosis.set_up import Remark, SetUp, look_at_set_up, numbers
@@ -32,6 +31,7 @@ from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import FrictionLaw, ModelColumns
 from gapscope.inspection.inspection import inspect_table
 from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
+from gapscope.model.expected import expected_entries
 from gapscope.model_audit.audit import odd_kinds
 
 # All thresholds of the check of a case, each with its meaning, its unit in brackets and its origin in parentheses.

@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import effect_name, percent
+from gapscope.arm.display import effect_name, listing, percent
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.recording import Recording
@@ -533,7 +533,7 @@ def goes_with(line: ParameterAgreement, labels: Sequence[str]) -> str:
         return ""
     if len(line.among) <= 2:
         changed = [QUANTITY[name] for name in found.changed]
-        return f"two recordings cannot say; they differ in {_listed(changed) or 'nothing known'}"
+        return f"two recordings cannot say; they differ in {listing(changed) or 'nothing known'}"
     names = [QUANTITY[name] for name in found.goes_with]
     if found.alone is not None:
         names.insert(0, f"{labels[found.alone]} alone")
@@ -581,13 +581,6 @@ def settles(line: ParameterAgreement, labels: Sequence[str]) -> str:
     if name == TEMPERATURE:
         return f"the motion of {low} once more, as warm as {high}: the value should be that of {high}"
     return f"the motion of {low} with a known payload (payloads: in the case): does the value follow the load?"
-
-
-def _listed(names: Sequence[str]) -> str:
-    """``a, b and c``."""
-    if len(names) < 2:
-        return "".join(names)
-    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 # The document of an agreement, ``agreement.json``.

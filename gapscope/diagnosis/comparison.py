@@ -14,6 +14,7 @@ from gapscope.diagnosis.thresholds import EFFECT_FORM, NAMED_PROBABILITY
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.parameter import Parameter
+from gapscope.envs.effect_ranges import Z95
 from gapscope.model.contrast import Answer
 from gapscope.model.difference import Difference, Fit
 from gapscope.model.explained import Explained, explained
@@ -35,8 +36,6 @@ GROWTHS = tuple(4.0**k for k in range(1, 7))
 SAMPLING_SKEW = 2.5e-4
 """Standard deviation of a skew that sampling leaves between torque and motion [s]: a torque that is held from one tick
 of a controller to the next acts half a tick late, which at 1 kHz is twice that. (physical)"""
-INTERVAL = 1.96
-"""Standard deviations to either side of a value in a 95 % interval [1]."""
 
 
 @dataclass(frozen=True)
@@ -391,7 +390,7 @@ def std_of_draws(
     if parameter.unit == "rad" and high - low >= 2 * np.pi:
         # an angle that goes all the way round
         off = np.minimum(off, 2 * np.pi - off)
-    return np.asarray(np.quantile(off, 0.95, axis=0) / INTERVAL)
+    return np.asarray(np.quantile(off, 0.95, axis=0) / Z95)
 
 
 def separated_by(effect: str, alternative: Alternative) -> str:

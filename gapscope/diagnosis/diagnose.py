@@ -25,7 +25,6 @@ from gapscope.diagnosis.document.content import (
     motion_rows,
     nominal_friction,
 )
-from gapscope.diagnosis.document.expected import expected_entries
 from gapscope.diagnosis.document.findings import (
     at_middle_entry,
     gravity_entry,
@@ -71,6 +70,7 @@ from gapscope.effects.environment import tilt
 from gapscope.effects.friction import PRESLIDING_DISTANCES
 from gapscope.model.conditioning import Segment, condition, torque_scale
 from gapscope.model.difference import Fit
+from gapscope.model.expected import expected_entries
 from gapscope.model.explained import (
     Explained,
     HeldOut,

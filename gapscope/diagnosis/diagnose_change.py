@@ -32,7 +32,6 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.comparison import Comparison
 from gapscope.diagnosis.document.content import Document, nominal_friction
-from gapscope.diagnosis.document.expected import expected_entries
 from gapscope.diagnosis.document.findings import numbers
 from gapscope.diagnosis.document.plotted_curves import (
     located,
@@ -70,7 +69,7 @@ from gapscope.ident.model.physical_parameters import nearest_possible, urdf_text
 from gapscope.model.design import BODIES, FreeArm, design, fitted_arm, moved
 from gapscope.model.difference import Search
 from gapscope.model.equations import Equations, learn
-from gapscope.model.expected import detectable
+from gapscope.model.expected import detectable, expected_entries
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Terms
 from gapscope.model.torque_gap import torque_gap
@@ -785,7 +784,8 @@ class _Document(Document):
                 "torque_nrmse": numbers(held_out / rows.scale),
             },
             "inherent": [_plain(effect) for effect in comparison.effects()],
-            "expected": self._expected(),
+            # how large further effects would have to be for these recordings to show them
+            "expected": expected_entries(detectable(self._reference.difference, CASE)),
             "remainder": {"torque_nrmse": numbers(possible.lacking / rows.scale)},
             "today": {
                 **_listed(comparison.sheet(CASE)),
@@ -793,10 +793,6 @@ class _Document(Document):
                 "friction_allowed": FRICTION_DAY_TO_DAY,
             },
         }
-
-    def _expected(self) -> list[dict[str, Any]]:
-        """How large further effects would have to be for these recordings to show them."""
-        return expected_entries(detectable(self._reference.difference, CASE))
 
     def _sheet_deviations(self) -> dict[str, np.ndarray]:
         """Standard deviations of what was identified of the data sheet, (n,) each."""

@@ -11,13 +11,13 @@ from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import effect_name, percent, significant
+from gapscope.arm.display import effect_name, listing, percent, significant
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.comparison import NONE
-from gapscope.diagnosis.document.wording import acts_on, listing
+from gapscope.diagnosis.document.wording import acts_on
 from gapscope.diagnosis.selection.search import search_of
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
@@ -84,26 +84,26 @@ def open_questions(document: Mapping[str, Any]) -> list[Question]:
     No recording is designed for setup faults, which are not physics of the arm, nor for what a motion alone does not
     predict: how far a command exceeds a limit depends on the controller. None tells two names of one cause apart.
     """
-    questions = []
-    for entry in document["effects"]:
-        for rival in entry["alternatives"]:
-            if rival["probability"] >= OPEN_ALTERNATIVE and _designed(entry, rival):
-                questions.append(_question(entry, rival))
+    designed = {NONE, *(e.name for e in explained() if not e.limits)}
+    questions = [
+        _question(entry, rival)
+        for entry in document["effects"]
+        for rival in entry["alternatives"]
+        if rival["probability"] >= OPEN_ALTERNATIVE
+        and {rival["effect"], entry["effect"]} <= designed
+        and not rival.get("equivalent")
+    ]
     questions.sort(key=lambda question: -question.probability)
     return questions[:DESIGNED_ALTERNATIVES]
-
-
-def _designed(entry: Mapping[str, Any], rival: Mapping[str, Any]) -> bool:
-    """Whether a motion can be designed to separate two effects."""
-    if rival.get("equivalent"):
-        return False
-    designed = {"none", *(e.name for e in explained() if not e.limits)}
-    return {rival["effect"], entry["effect"]} <= designed
 
 
 def _question(entry: Mapping[str, Any], rival: Mapping[str, Any]) -> Question:
     link = entry["parameters"].get("link")
     rival_joints = tuple(rival.get("joints") or ())
+    other = "no effect in its place"
+    if rival["effect"] != NONE:
+        place = acts_on({"effect": rival["effect"], "joints": list(rival_joints)})
+        other = f"{effect_name(rival['effect'])} ({place})"
     return Question(
         effect=entry["effect"],
         joints=tuple(entry["joints"]),
@@ -112,16 +112,7 @@ def _question(entry: Mapping[str, Any], rival: Mapping[str, Any]) -> Question:
         rival_joints=rival_joints,
         probability=rival["probability"],
         found=f"{effect_name(entry['effect'])} ({acts_on(entry)})",
-        other=_words(rival["effect"], rival_joints),
-    )
-
-
-def _words(rival: str, joints: tuple[int, ...]) -> str:
-    """A rival with what it acts on."""
-    if rival == "none":
-        return "no effect in its place"
-    return (
-        f"{effect_name(rival)} ({acts_on({'effect': rival, 'joints': list(joints)})})"
+        other=other,
     )
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import yaml
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import effect_name, uncertain
+from gapscope.arm.display import effect_name, listing, uncertain
 from gapscope.arm.root_mean_square import rms
-from gapscope.diagnosis.document.wording import capital, listing, misread, much
+from gapscope.diagnosis.document.wording import capital, misread, much
 from gapscope.diagnosis.gap.plausible_data import check_moving, select_windows
 from gapscope.diagnosis.setup_faults.detection import (
     as_nominal_arm,

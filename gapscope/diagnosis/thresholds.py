@@ -16,7 +16,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from gapscope.effects.setup_faults import LateTorque
 from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.rows import PER_CUTOFF
 
 # fmt: off
 
@@ -24,8 +26,9 @@ from gapscope.model.conditioning import TORQUE_CUTOFF
 STICKING_SPEED = 0.02  # A joint that is slower all the time is called still [rad/s]. (physical)
 # A recording is used up to a change during it if that lasts this long [s]. (hand)
 MIN_UNCHANGED = 3.0
-FRICTION_FORM = 0.03  # Share by which healthy dry friction differs from c sgn v when it slides [1]. (hand)
-EFFECT_FORM = 0.03  # Share of its torque by which a real effect differs from the catalogue's form [1]. (hand)
+# Share of its torque by which a law in nature differs from the catalogue's form: of an effect, and of the dry friction
+# of a healthy arm, from c sgn v, when it slides [1]. (hand)
+EFFECT_FORM = FRICTION_FORM = 0.03
 
 # Less motion than this in all recordings together is little: a note says so [s]. (hand)
 SHORT_MOTION = 20.0
@@ -65,9 +68,10 @@ FAULT_COARSE_STEP = 4  # All candidates are compared on every so many-th sample.
 FAULT_FINALISTS = 5  # ...and this many of them on all. (budget)
 # Zeros off by less are no convention but the effect encoder_offset [rad]. (definition)
 MIN_ZERO_OFFSET = np.deg2rad(20.0)
-# Shifts at which the recorded torque is kept: a driver's delay is looked for up to the last [s]. (physical)
+# Shifts at which the recorded torque is kept, up to the longest delay of a driver [s]. (budget)
 TORQUE_SHIFT_STEP = 0.005
-TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(41))
+LAST_SHIFT = round(LateTorque.parameters[0].bounds[1] / TORQUE_SHIFT_STEP)
+TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(LAST_SHIFT + 1))
 DECIMAL_UNITS = (1e-3, 1e-2, 1e3)  # mN m, N cm and kN m in N m [1]. (definition)
 # A joint's factor is known from the nominal torque if they share this part of their variance [1]. (hand)
 KNOWN_FACTOR_R2 = 0.3
@@ -91,7 +95,7 @@ PRIOR_STD_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
 ORDINARY_TORQUE = 0.7
 ROTOR_RATIO = 30.0  # Inertia of a rotor at the joint, over that of the bodies about it, at most [1]. (physical)
 TURNING_LATE = 0.05  # T, by which dry friction may turn round late: bristles bend first [s]. (hand)
-FAULT_SIGN_WIDTH = 0.02  # Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)
+FAULT_SIGN_WIDTH = STICKING_SPEED  # Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)
 # Least misfit of an arm from whose torque an integrator's start is estimated, over the torque's deviation [1]. (hand)
 MIN_INTEGRATOR_MISFIT = 3e-3
 # Least deviation of a torque, over the largest joint's [1]: motors of small joints. (physical)
@@ -189,7 +193,7 @@ STANDS_OUT = 1.5
 SIGNIFICANT_RESIDUAL_RATIO = 2.2
 
 # --- assessment: share of a residual that a flexible model predicts
-ROWS_PER_CUTOFF = 2.5  # Rows per period of the torque gap's cut-off; more hold nothing new. (statistics)
+ROWS_PER_CUTOFF = PER_CUTOFF  # Rows per period of the torque gap's cut-off; more hold nothing new. (statistics)
 # Waves of the posture of the arm; twice as many of a joint's signals. (budget)
 FOURIER_FEATURES = 60
 # Time beside the border between two folds that is not fitted [s]: held-out rows have no neighbours in it. (hand)
@@ -239,11 +243,11 @@ SAME_GRAVITY = 0.05  # Gravity of the same mounting differs by no more in any co
 # --- fleet: several units
 # Values differ between units if one common value would scatter as much with less than this probability, divided by
 # the number of values that the effect has [1]. (statistics)
-FLEET_LEVEL = 0.01
+FLEET_LEVEL = FALSE_ALARM_RATE
 # --- fleet: one unit over time
 SHORTEST_HISTORY = 3  # Least diagnoses of a unit in which a change is looked for [1]. (statistics)
 # Share of the changes reported, over all units and effects, that are false on average [1]. (definition)
-FALSE_CHANGES = 0.05
+FALSE_CHANGES = FALSE_DISCOVERY_RATE
 # Least differences of successive estimates from which scatter beyond their deviations is estimated [1]. (statistics)
 MIN_DIFFERENCES = 20
 

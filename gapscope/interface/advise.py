@@ -9,18 +9,20 @@ from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
+from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import make_folder
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 from gapscope.diagnosis.diagnose import diagnose as diagnose_case
 from gapscope.diagnosis.document.diagnosis_json import read_document
-from gapscope.diagnosis.document.expected import planned_entries
 from gapscope.diagnosis.next_recording import Advice, AdviceRequest, lines
 from gapscope.diagnosis.next_recording import advise as design_recording
 from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.diagnosis.selection.search import could_show
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected_file import read_corrected
 from gapscope.ident.excitation.design import (
@@ -33,6 +35,7 @@ from gapscope.ident.excitation.design import (
 from gapscope.interface.diagnose import DiagnosisResult
 from gapscope.interface.models import make_arm
 from gapscope.interface.result import Result, channel_columns
+from gapscope.model.expected import expected_entries
 from gapscope.reports.trajectory import check_csv, shown, summary, write_trajectory
 
 
@@ -74,7 +77,10 @@ class ExcitationResult(Result):
 
     def expected(self) -> list[dict[str, Any]]:
         """How large an effect would have to be for a recording of the motion to show it, as in ``diagnosis.json``."""
-        return planned_entries(self.arm, self.excitation, self.payload)
+        motion, torque = self.excitation.motion, self.excitation.torque
+        planned = Recording("planned", motion.t, motion.q, torque, payload=self.payload)
+        with threadpool_limits(1):
+            return expected_entries(could_show(self.arm, [planned]))
 
     def table(self) -> dict[str, np.ndarray]:
         """The columns t, q1.., dq1.., ddq1.., tau1.. (nominal torque)."""

@@ -20,8 +20,9 @@ from rich.text import Text
 from gapscope.arm.display import display_unit, effect_name, nrmse, percent, uncertain
 from gapscope.diagnosis.document.numbers import Number, place_text
 from gapscope.diagnosis.document.wording import VERDICTS, capital
+from gapscope.envs.effect_ranges import Z95
 from gapscope.many import units as units_words
-from gapscope.many.rows import FAILED, INTERVAL, Row
+from gapscope.many.rows import FAILED, Row
 from gapscope.reports.pages import (
     COLOURS,
     ZERO,
@@ -258,7 +259,7 @@ def _drawn(history: EffectHistory, name: str) -> Markup:
                 x=[row.date.isoformat() for row, _ in points],
                 y=[factor * float(number.value or 0.0) for _, number in points],
                 error_y={
-                    "array": [INTERVAL * factor * std if std else None for std in stds]
+                    "array": [Z95 * factor * std if std else None for std in stds]
                 },
                 text=[row.case for row, _ in points],
                 hovertemplate="%{text}<br>%{x}<br>%{y:.4g}<extra></extra>",
@@ -367,9 +368,7 @@ def sparkline(change: Mapping[str, Any]) -> Markup:
     means = np.array([change[key]["value"] for key in ("before", "after")])
     x = _scaled(np.array(days, float), WIDTH)
     # upwards on the screen is downwards in its coordinates
-    drawn = np.concatenate(
-        [value, value - INTERVAL * std, value + INTERVAL * std, means]
-    )
+    drawn = np.concatenate([value, value - Z95 * std, value + Z95 * std, means])
     y = HEIGHT - _scaled(drawn, HEIGHT)
     middle, low, high = y[: 3 * len(x)].reshape(3, -1)
     bars = [f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in zip(x, low, high, strict=True)]

@@ -24,6 +24,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.diagnosis.document.numbers import Number, numbers_of
 from gapscope.diagnosis.document.wording import VERDICTS, acts_on, parameter_texts
+from gapscope.envs.effect_ranges import Z95
 from gapscope.model.changes import change_text
 
 # Unit and date of a diagnosis, by the names of its case and folders.
@@ -95,8 +96,6 @@ def date_in_names(case: str, folder: str) -> datetime | None:
 
 FAILED = "failed"
 """Verdict of a case without a diagnosis, or of a file that cannot be read."""
-INTERVAL = 1.96
-"""Standard deviations to each side of an interval of 95 %, for normal errors [1]."""
 
 
 class Named(NamedTuple):
@@ -219,8 +218,8 @@ class Row:
                     row = {"named": section == "effects", **common, **number._asdict()}
                     row["si_unit"] = row.pop("unit")
                     if number.value is not None and number.std is not None:
-                        row["low"] = number.value - INTERVAL * number.std
-                        row["high"] = number.value + INTERVAL * number.std
+                        row["low"] = number.value - Z95 * number.std
+                        row["high"] = number.value + Z95 * number.std
                     yield row
 
     def _named(self, section: str) -> tuple[Named, ...]:

@@ -14,12 +14,13 @@ from gapscope.arm.display import (
     MISSING,
     display_unit,
     effect_name,
+    listing,
     nrmse,
     percent,
     uncertain,
 )
 from gapscope.diagnosis.compare_units import DIFFERING, NOMINAL, ONE, SHARED, SOME
-from gapscope.diagnosis.document.wording import capital, joint_ranges, listing
+from gapscope.diagnosis.document.wording import capital, joint_ranges
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
 from gapscope.effects.catalogue import known_effect
 from gapscope.reports.diagnosis import ADDING

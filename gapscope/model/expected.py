@@ -14,8 +14,9 @@ the gap of some joint beyond what is left there, r, by v: sqrt(r^2 + c^2 x^2) >=
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -24,7 +25,12 @@ from scipy.stats import norm
 from gapscope.effects.effect import External
 from gapscope.model.design import MIN_TORQUE, Design, FreeArm, about
 from gapscope.model.difference import Difference, Fit, Weigher
-from gapscope.model.equations import Equations, carried_over, forward, lower
+from gapscope.model.equations import (
+    Equations,
+    carried_over,
+    forward,
+    lower,
+)
 from gapscope.model.terms import Term
 
 HALF, MOST = 0.5, 0.9
@@ -95,6 +101,36 @@ def detectable(
         searched = found.found.get(one.term)
         shape = searched.values if searched else ()
         yield Detectable(one.term, float(half), float(most), tuple(shape))
+
+
+def expected_entries(found: Iterable[Detectable]) -> list[dict[str, Any]]:
+    """``expected`` of a document: sizes of effects, by their own parameters."""
+    entries = []
+    for one in found:
+        fitted, term = one.term.parametrisation, one.term
+        apart = ("link", *fitted.nonlinear)
+        parameter = next(p for p in term.definition.parameters if p.name not in apart)
+        shape = np.array(one.shape).reshape(-1, 1)
+        low, high = parameter.bounds
+        values: list[float | None] = []
+        for size in (one.half, one.most):
+            coordinates = np.zeros((fitted.linear, 1))
+            coordinates[0] = size if np.isfinite(size) else 0.0
+            found_value = np.ravel(fitted.values(coordinates, shape)[parameter.name])[0]
+            # what cannot be is never named
+            possible = np.isfinite(size) and low <= found_value <= high
+            values.append(float(found_value) if possible else None)
+        entries.append(
+            {
+                "effect": term.effect,
+                "joints": [term.joint] if term.joint else [],
+                "parameter": parameter.name,
+                "unit": parameter.unit,
+                "half": values[0],
+                "nine_of_ten": values[1],
+            }
+        )
+    return entries
 
 
 def _least(made: Design, term: Term, seen: np.ndarray) -> float:
@@ -172,23 +208,23 @@ class ExpectedEvidence:
 
 
 class Rivals:
-    """Hypotheses of the same recordings, none of whose terms is of one recording alone on another motion.
+    """Hypotheses of the same recordings; a force that one of them has is none of another motion.
 
     Args:
         arm: what all groups share.
-        fits: the hypotheses, H of them.
+        fits: the hypotheses.
+
+    Attributes:
+        effects: whose columns a planned motion needs: those of the hypotheses, and of the data sheet.
     """
 
     def __init__(self, arm: FreeArm, fits: Sequence[Fit]) -> None:
         self.arm, self.fits = arm, fits
-        effects = {one.effect for fit in fits for one in fit.mine}
-        places = fits[0].contrast.design.places
-        sheet = {t.effect for t in places if t.parametrisation.data_sheet is not None}
-        self.effects = effects | sheet
-        bodies = np.arange(10 * arm.arm.n_joints)
-        asked = [own for term, own in places.items() if term.effect in self.effects]
-        self._asked = np.concatenate([bodies, *asked])
-        self._left_open = [_left_open(fit, self._asked) for fit in fits]
+        self._believed = [_believed(fit) for fit in fits]
+        self.effects = {one.effect for fit in fits for one in fit.mine}
+        for term in fits[0].contrast.design.places:
+            if term.parametrisation.data_sheet is not None:
+                self.effects.add(term.effect)
 
     def on(self, made: Design) -> list[ExpectedEvidence]:
         """What a planned motion is expected to say between each two of them, whatever torque its design takes.
@@ -196,24 +232,20 @@ class Rivals:
         Args:
             made: columns of the motion, those of ``effects``.
         """
-        contrast = self.fits[0].contrast
-        error = carried_over(
-            contrast.error,
-            contrast.equations,
-            Equations(made, [[] for _ in made.gap.T]),
-        )
+        asked = self.fits[0].contrast
+        planned = Equations(made, [])
+        error = carried_over(asked.error, asked.equations, planned)
+        form = zip(made.columns, error.own2, error.noise2, strict=True)
         factors = [
             lower((x * own2) @ x.T / noise2) * np.sqrt(noise2)
-            for x, own2, noise2 in zip(
-                made.columns, error.own2, error.noise2, strict=True
-            )
+            for x, own2, noise2 in form
         ]
-        every = [self._predicted(h, made, factors) for h in range(len(self.fits))]
+        every = [self._predicted(k, made, factors) for k in range(len(self.fits))]
         out = []
         for a, b in itertools.combinations(range(len(every)), 2):
             apart = every[b][0] - every[a][0]
-            told = [_beyond(apart, columns) for _, columns in (every[a], every[b])]
-            least = min(told, key=lambda each: float(each.sum()))
+            told = [_beyond(apart, every[k][1]) for k in (a, b)]
+            least = min(told, key=lambda by_joint: float(by_joint.sum()))
             joint = int(least.argmax()) + 1
             out.append(ExpectedEvidence(a, b, float(least.sum()) / 2, joint))
         return out
@@ -222,67 +254,66 @@ class Rivals:
         self, number: int, made: Design, factors: Sequence[np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
         """What a hypothesis leaves of the torque, (n, M), and columns of what is open of it, (n, M, Q), over noise."""
-        fit, root = self.fits[number], self._left_open[number]
-        known, count = fit.contrast.design, len(self._asked)
-        values = {
-            one: value
-            for one, value in fit.values.items()
-            if not isinstance(one.term.definition, External)
-        }
-        gap, columns_of = about(made, self.arm, values)
-        # what the recordings at hand do not show is as it was believed
+        fit, (value, root) = self.fits[number], self._believed[number]
+        known, bodies = fit.contrast.design, 10 * self.arm.arm.n_joints
         place_of = np.full(made.size, -1)
-        bodies = 10 * self.arm.arm.n_joints
         place_of[:bodies] = range(bodies)
         for term, places in made.places.items():
-            if term in known.places:
-                place_of[places] = known.places[term]
-        told = place_of >= 0
-        shared, own = fit.own.nuisances(fit.values)
-        value = np.where(told, (shared + own[0])[place_of], 0.0)
-        row_of = {place: row for row, place in enumerate(self._asked.tolist())}
-        new = np.flatnonzero(~told & (made.prior > 0))
-        open_ = np.zeros((made.size, root.shape[1] + len(new)))
-        rows_of = [row_of[place] for place in place_of[told].tolist()]
-        open_[told, : root.shape[1]] = root[rows_of]
-        open_[new, root.shape[1] + np.arange(len(new))] = made.prior[new]
-        left = gap - made.shared_torque(value)
-        starts = dict(zip(fit.values, _places_of(fit), strict=True))
+            place_of[places] = known.places.get(term, -1)
+        # what the recordings at hand do not show is as it was believed
+        new = np.flatnonzero((place_of < 0) & (made.prior > 0))
+        as_believed = np.diag(made.prior)[:, new]
+        lasting = {
+            one: x
+            for one, x in fit.values.items()
+            if not isinstance(one.term.definition, External)
+        }
+        gap, columns_of = about(made, self.arm, lasting)
+        places_of = dict(zip(fit.values, _split(fit, known.size), strict=True))
+        own = [places_of[one] for one in columns_of]
         rows, slopes = [], []
-        for j, factor in enumerate(factors):
-            x = made.columns[j] @ open_[made.active[j]]
-            for one, columns in columns_of.items():
-                scaled = values[one] * made.units[one.term]
-                left[:, j] -= columns[j] @ scaled
-                x[:, : root.shape[1]] += columns[j] @ root[count + starts[one]]
-            rows.append(forward(factor, left[:, j]))
-            slopes.append(forward(factor, x))
+        for j, (factor, active) in enumerate(zip(factors, made.active, strict=True)):
+            x = [made.columns[j], *(columns[j] for columns in columns_of.values())]
+            at = np.concatenate([place_of[active], *own])
+            left = gap[:, j] - np.hstack(x) @ value[at]
+            rows.append(forward(factor, left))
+            both = [np.hstack(x) @ root[at], made.columns[j] @ as_believed[active]]
+            slopes.append(forward(factor, np.hstack(both)))
         return np.array(rows), np.array(slopes)
 
 
-def _places_of(fit: Fit) -> list[np.ndarray]:
-    """Places of the coordinates of each term that groups have among those of all of them."""
-    ends = np.cumsum([len(value) for value in fit.values.values()])
-    return np.split(np.arange(ends[-1]), ends[:-1]) if len(ends) else []
+def _split(fit: Fit, start: int) -> list[np.ndarray]:
+    """Places of the coordinates of each term that groups have, one after the other from a start on."""
+    ends = np.cumsum([start, *(len(value) for value in fit.values.values())])
+    return [np.arange(a, b) for a, b in itertools.pairwise(ends.tolist())]
 
 
-def _left_open(fit: Fit, asked: np.ndarray) -> np.ndarray:
-    """Root R of the covariance R R^T of some columns and of the terms that groups have, in torque, (P + K, Q)."""
-    own, units = fit.own, fit.contrast.design.units
-    shared = own.contrast.nuisance_roots()[asked]
-    if not fit.mine:
-        return np.asarray(np.linalg.qr(shared.T, "r")).T
-    scale = np.concatenate([units[one.term] for one in fit.mine])
-    places = [k for k, one in enumerate(fit.chosen) if not one.everybody]
-    ends = np.cumsum([0, *(len(fit.answer.values[one]) for one in fit.chosen)])
-    mine = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in places])
-    covariance = fit.answer.covariance[np.ix_(mine, mine)] * scale[:, None] * scale
-    power, axes = np.linalg.eigh(covariance)
-    root = axes * np.sqrt(np.maximum(power, 0.0))
-    moved = -shared @ own.back(own.joined(fit.mine)) @ root
-    none = np.zeros((len(root), shared.shape[1]))
-    whole = np.block([[shared, moved], [none, root]])
-    return np.asarray(np.linalg.qr(whole.T, "r")).T
+def _believed(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Values b of all columns and of terms that groups have, (P + K + 1,), in torque, and root R of their covariance.
+
+    The last one is zero: of what is no column.
+    """
+    own, made, values = fit.own, fit.contrast.design, fit.values
+    shared, more = own.nuisances(values)
+    none = np.zeros(0)
+    unit = np.concatenate([none, *(made.units[one.term] for one in values)])
+    mine = np.concatenate([none, *values.values()]) * unit
+    value = np.concatenate([shared + more[0], mine, [0.0]])
+    of_shared = own.contrast.nuisance_roots()
+    places = own.joined(fit.mine)
+    of_own = unit[:, None] * np.linalg.cholesky(fit.answer.covariance)
+    whole = np.block(
+        [
+            [of_shared, -of_shared @ own.back(places) @ of_own],
+            [np.zeros((len(places), of_shared.shape[1])), of_own],
+        ]
+    )
+    # unknown functions are of the states that were passed
+    waves = [some for of_joint in made.waves for some in of_joint]
+    kept = np.setdiff1d(np.arange(len(whole)), np.concatenate(waves))
+    root = np.zeros((len(value), len(kept)))
+    root[kept] = np.asarray(np.linalg.qr(whole[kept].T, "r")).T
+    return value, root
 
 
 def _beyond(apart: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 from gapscope.arm.display import (
     display_unit,
     effect_name,
+    listing,
     percent,
     significant,
     uncertain,
@@ -182,14 +183,6 @@ def coupling_text(entry: Mapping[str, Any]) -> str:
     """How a case declares a coupled motor: ``nominal: {coupling: [{motor: 6, joint: 5, ratio: 1}]}``."""
     values = ", ".join(f"{key}: {value:g}" for key, value in entry.items())
     return f"nominal: {{coupling: [{{{values}}}]}}"
-
-
-def listing(parts: Sequence[str]) -> str:
-    """Parts joined as in a sentence: ``a, b and c``."""
-    if len(parts) < 2:
-        return "".join(parts)
-    first = ", ".join(parts[:-1])
-    return f"{first} and {parts[-1]}"
 
 
 def joint_ranges(joints: Sequence[int]) -> list[str]:

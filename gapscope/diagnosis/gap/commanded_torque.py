@@ -287,8 +287,9 @@ def _commanded(
     """
     t, rows, back = np.unique(stretch.t, return_index=True, return_inverse=True)
     stretch = stretch.part(rows)
-    ticks = _ticks(controller, t)
+    # from the first to the last of the rows' times, which round
     held = ((t - t[0]) * controller.rate + 1e-6).astype(int)
+    ticks = t[0] + np.arange(held[-1] + 1) / controller.rate
     assert stretch.q_ref is not None
     q_ref, dq_ref = stretch.q_ref, stretch.dq_ref
     if dq_ref is None:
@@ -312,12 +313,6 @@ def _commanded(
     for i in range(len(ticks)):
         torque[i] = control(targets.at(i), q[i], velocity[i])
     return torque[held][back]
-
-
-def _ticks(controller: Controller, t: np.ndarray) -> np.ndarray:
-    """Times of the controller's ticks from the first to the last of the rows' times [s], (K,)."""
-    count = int((t[-1] - t[0]) * controller.rate + 1e-6) + 1
-    return t[0] + np.arange(count) / controller.rate
 
 
 def _velocity(

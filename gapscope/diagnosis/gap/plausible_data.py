@@ -56,7 +56,11 @@ def check_moving(case: Case) -> None:
             file=", ".join(recording.name for recording in case.recordings),
             where="columns q",
         )
-    changes = [_torque_change(recording) for recording in case.recordings]
+    # the largest deviation of a joint's torque [N m]
+    changes = [
+        0.0 if r.tau is None else float(r.tau.std(axis=0).max())
+        for r in case.recordings
+    ]
     in_motion = [
         change for change, moving in zip(changes, moves, strict=True) if moving
     ]
@@ -101,11 +105,6 @@ def _moving_time(recording: Recording, per_radian: np.ndarray) -> float:
     moves = (steps > STICKING_SPEED * per_radian * spans[:, None]).any(axis=1)
     # a gap in time counts as one step
     return float(np.minimum(spans[moves], 2 * LOOK).sum())
-
-
-def _torque_change(recording: Recording) -> float:
-    """Largest standard deviation of a joint's torque [N m]; 0 without a torque."""
-    return 0.0 if recording.tau is None else float(recording.tau.std(axis=0).max())
 
 
 def _check_lone_positions(recording: Recording) -> None:

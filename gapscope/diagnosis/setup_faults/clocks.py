@@ -79,9 +79,14 @@ VELOCITY_UNITS = {
 def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
     """Time stamps that are wrong, one finding for each kind, of the recordings that have it."""
     recordings = tuple(recordings)
-    searches = (_milliseconds, _repeats, find_jitter, _gaps, _wrong_rate)
     found: list[FoundFault] = []
-    for search in searches:
+    for search in (
+        _milliseconds,
+        partial(_above, "repeats", repeats, NAMED_REPEATS),
+        find_jitter,
+        partial(_above, "gaps", lost, NAMED_LOST),
+        _wrong_rate,
+    ):
         fault = search(recordings)
         if fault is not None:
             # the next search sees recordings on which this fault is corrected
@@ -100,26 +105,18 @@ def _milliseconds(recordings: tuple[Recording, ...]) -> FoundFault | None:
     return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY, recordings=names)
 
 
-def _repeats(recordings: tuple[Recording, ...]) -> FoundFault | None:
-    return _above("repeats", recordings, repeats, NAMED_REPEATS)
-
-
 def find_jitter(recordings: tuple[Recording, ...]) -> FoundFault | None:
     """Stamps that jitter while the samples do not; ``None`` if no recording has them."""
-    return _above("jitter", recordings, jitter, NAMED_JITTER)
-
-
-def _gaps(recordings: tuple[Recording, ...]) -> FoundFault | None:
-    return _above("gaps", recordings, lost, NAMED_LOST)
+    return _above("jitter", jitter, NAMED_JITTER, recordings)
 
 
 def _above(
     kind: str,
-    recordings: tuple[Recording, ...],
     amount: Callable[[Recording], float],
     most: float,
+    recordings: tuple[Recording, ...],
 ) -> FoundFault | None:
-    """The finding on the recordings that have more than this amount."""
+    """The finding on the recordings that have more than this amount; ``None`` if there are none."""
     amounts = {r.name: amount(r) for r in recordings}
     above = {name: share for name, share in amounts.items() if share > most}
     return _stamps(kind, above, recordings)

@@ -16,7 +16,6 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
-from gapscope.arm.nominal import NominalArm
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.gap.plausible_data import check_rates, select_windows
 from gapscope.diagnosis.setup_faults.clocks import (
@@ -161,7 +160,14 @@ def only_of_time(faults: Sequence[FoundFault]) -> tuple[FoundFault, ...]:
 
 def nominal_gap(case: Case) -> np.ndarray | None:
     """Torque NRMSE of the nominal arm over all recordings with a torque, (n,); ``None`` if it makes no sense."""
-    return _nrmse_of(case.arm, _segments(case))
+    segments, arm = _segments(case), case.arm
+    if not segments:
+        return None
+    try:
+        gap = torque_gap(CorrectedArm(arm), RigidBody(arm), segments).nrmse
+    except (GapscopeError, ValueError):
+        return None
+    return gap if np.isfinite(gap).all() else None
 
 
 def _segments(case: Case) -> list[Segment]:
@@ -173,14 +179,3 @@ def _segments(case: Case) -> list[Segment]:
         return [s for r in recordings for s in condition(r)]
     except (GapscopeError, ValueError):
         return []
-
-
-def _nrmse_of(arm: NominalArm, segments: list[Segment]) -> np.ndarray | None:
-    """Torque NRMSE of an arm on segments, (n,); ``None`` if there are none, or it is not finite."""
-    if not segments:
-        return None
-    try:
-        gap = torque_gap(CorrectedArm(arm), RigidBody(arm), segments).nrmse
-    except (GapscopeError, ValueError):
-        return None
-    return gap if np.isfinite(gap).all() else None

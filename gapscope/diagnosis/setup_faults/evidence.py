@@ -136,9 +136,13 @@ def _of_segment(segment: Segment, step: int) -> tuple[np.ndarray, ...]:
 
 # The sums that all readings of the torque share.
 
-OWN = 7
-"""Values of each joint of its own: scale, rotor, Coulomb, viscous, spring, offset, friction that turns round late."""
-ROTOR, COULOMB, VISCOUS, OFFSET = 1, 2, 3, 5
+OF_JOINT = ("scale", "rotor", "coulomb", "viscous", "spring", "offset", "turning")
+"""Values of each joint of its own; the last one is friction that turns round late."""
+OWN = len(OF_JOINT)
+"""Number of them."""
+ROTOR, COULOMB, VISCOUS, OFFSET = map(
+    OF_JOINT.index, ("rotor", "coulomb", "viscous", "offset")
+)
 """Places of the rotor, the friction coefficients and the offset among them."""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import synthetic
@@ -48,13 +50,36 @@ def strongest(
     return next(region for region in found if region.kind == kind or not kind)
 
 
-def test_near_velocity_reversal(rows: MotionRows) -> None:
-    slow = np.abs(rows.dq) <= np.quantile(np.abs(rows.dq), 0.2, axis=0)
-    white = np.random.default_rng(1).standard_normal((N, 2))
-    region = strongest(noise() + slow * white, rows, kind="regime")
-    assert region.joint == 1 and region.regime.startswith("near velocity reversal")
-    assert region.share > 0.9 and region.coverage == pytest.approx(0.2, abs=0.01)
-    assert region.enrichment == pytest.approx(region.share / region.coverage)
+def slow(rows: MotionRows) -> np.ndarray:
+    return np.abs(rows.dq[:, 0]) <= np.quantile(np.abs(rows.dq[:, 0]), 0.2)
+
+
+def pushed(rows: MotionRows) -> np.ndarray:
+    """From 4 to 6 s of the second recording."""
+    return (rows.segment == 1) & (rows.t >= 4) & (rows.t <= 6)
+
+
+def at_one_place(rows: MotionRows) -> np.ndarray:
+    edges = np.linspace(rows.q[:, 0].min(), rows.q[:, 0].max(), 6)
+    return (rows.q[:, 0] > edges[2]) & (rows.q[:, 0] < edges[3])
+
+
+@pytest.mark.parametrize(
+    ("where", "kind", "regime"),
+    [
+        (slow, "regime", "near velocity reversal"),
+        (pushed, "time", "recording 2, 4.0 to 6.0 s"),
+        (at_one_place, "position", "position -0.30 to 0.25 rad"),
+    ],
+)
+def test_one_part_of_the_motion(
+    rows: MotionRows, where: Callable[[MotionRows], np.ndarray], kind: str, regime: str
+) -> None:
+    inside, white = where(rows), np.random.default_rng(1).standard_normal((N, 2))
+    region = strongest(noise() + inside[:, None] * white, rows, kind=kind)
+    assert region.joint == 1 and region.regime.startswith(regime)
+    assert region.share > 0.9
+    assert region.coverage == pytest.approx(inside.mean(), abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -70,28 +95,6 @@ def test_one_frequency_band(rows: MotionRows, low: float, high: float) -> None:
         f"{low:g} to {high:g} Hz",
     )
     assert region.share > 0.8
-
-
-def test_one_interval_of_time(rows: MotionRows) -> None:
-    """From 4 to 6 s of the second recording."""
-    pushed = (rows.segment == 1) & (rows.t >= 4) & (rows.t <= 6)
-    region = strongest(
-        noise() + pushed[:, None] * np.random.default_rng(3).standard_normal((N, 2)),
-        rows,
-        kind="time",
-    )
-    assert region.share > 0.9 and region.regime.startswith("recording 2, 4.0 to 6.0 s")
-
-
-def test_one_range_of_positions(rows: MotionRows) -> None:
-    white = np.random.default_rng(4).standard_normal((N, 2))
-    edges = np.linspace(rows.q[:, 0].min(), rows.q[:, 0].max(), 6)
-    inside = (rows.q[:, :1] > edges[2]) & (rows.q[:, :1] < edges[3])
-    region = strongest(noise() + inside * white, rows, kind="position")
-    assert (
-        region.regime == f"position {edges[2]:.2f} to {edges[3]:.2f} rad"
-        and region.share > 0.9
-    )
 
 
 def test_one_direction_of_motion(rows: MotionRows) -> None:

@@ -14,117 +14,26 @@ from synthetic import arm
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import shifted_arm, shifted_body
 from gapscope.diagnosis.setup_faults.clocks import (
     encoder_step,
     find_quantization,
     find_stamps,
-    lattice,
     lost,
 )
-from gapscope.diagnosis.setup_faults.evidence import (
-    ReadingScorer,
-    sample,
-)
-from gapscope.diagnosis.setup_faults.fault_search import UNUSUAL
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged
 from gapscope.effects.setup_faults import (
-    GravityCompensatedTorque,
     JointSwap,
-    ShiftedInertials,
     SignFlip,
-    TorqueUnit,
     UnitMismatch,
 )
-from gapscope.model.conditioning import TORQUE_CUTOFF, condition
-
-# Readings are compared by what they say of the raw columns, whatever the unit in which a column is read.
-
-
-AS_READ = Reading.identity(synthetic.N)
-TRUTHS = {
-    "healthy": synthetic.Truth(),
-    "loaded and rubbing": synthetic.Truth(mass=10.0, coulomb=(4.0, 6.0, 2.0)),
-    "beyond any arm": synthetic.Truth(
-        extra=lambda t, q, dq: 30.0 * np.sin(40.0 * t)[:, None] * np.ones(3)
-    ),
-}
-
-
-def scorer(case: Case) -> ReadingScorer:
-    segments = [s for r in case.recordings for s in condition(r, TORQUE_CUTOFF)]
-    return ReadingScorer(case.arm, synthetic.body(), sample(segments))
-
-
-@pytest.mark.parametrize("label", TRUTHS)
-@pytest.mark.parametrize("joints", [(1, 2, 3), (1,), (3,)])
-def test_a_torque_divided_by_a_thousand_does_not_win(
-    label: str, joints: tuple[int, ...]
-) -> None:
-    """Its residual in N m is a thousandth as well; not that of the column that was recorded."""
-    scores = scorer(synthetic.case(TRUTHS[label], seed=3))
-    smaller = TorqueUnit("current", joints, 1e-3).reading(synthetic.N)
-    assert scores.evidence(AS_READ.then(smaller)) < scores.evidence(AS_READ)
-
-
-def test_a_column_in_another_unit_and_read_in_it_is_as_probable_as_one_in_newton_metres() -> (
-    None
-):
-    case, factor = synthetic.case(seed=3), (1e3, 50.0, 200.0)
-    unit = TorqueUnit("current", factor=factor)
-    recorded = unit.in_case(case, np.random.default_rng(0), case.arm)
-    right = scorer(case).evidence(AS_READ)
-    read = scorer(recorded).evidence(unit.reading(synthetic.N))
-    assert read == pytest.approx(right, abs=1e-3)
-
-
-def test_a_torque_without_gravity_is_improbable_until_it_is_read_as_such() -> None:
-    case, fault = synthetic.case(seed=3), GravityCompensatedTorque()
-    without = scorer(fault.in_case(case, np.random.default_rng(0), case.arm))
-    read = without.evidence(fault.reading(synthetic.N))
-    assert read > without.evidence(AS_READ) + UNUSUAL
-    assert scorer(case).evidence(AS_READ) == pytest.approx(read, abs=UNUSUAL)
-
-
-# Bodies that are those of the arm explain its torque, whatever its joints have; others are in the way.
-
-
-ORDINARY = {
-    **{label: TRUTHS[label] for label in ("healthy", "loaded and rubbing")},
-    "behind a high gear": synthetic.Truth(armature=(0.0, 0.0, 10.0)),
-}
-
-
-@pytest.mark.parametrize("label", ORDINARY)
-def test_the_bodies_of_an_ordinary_arm_show(label: str) -> None:
-    """A rotor behind a high gear may be 25 times as heavy as what it turns."""
-    assert (
-        scorer(synthetic.case(ORDINARY[label], seed=3)).support_of_bodies(AS_READ)
-        > UNUSUAL
-    )
-
-
-def test_bodies_of_the_neighbouring_links_are_in_the_way() -> None:
-    case = synthetic.case(seed=3)
-    moved = ShiftedInertials(1).in_case(case, np.random.default_rng(0), case.arm)
-    right = scorer(case).support_of_bodies(AS_READ)
-    segments = [s for r in moved.recordings for s in condition(r, TORQUE_CUTOFF)]
-    wrong = ReadingScorer(moved.arm, RigidBody(moved.arm), sample(segments))
-    assert wrong.support_of_bodies(AS_READ) < right - UNUSUAL
-
 
 # Findings of one fault on several joints become one finding.
 
 
 def flip(joint: int, probability: float = 0.9) -> FoundFault:
     return FoundFault(SignFlip((joint,)), probability)
-
-
-def test_two_flips_are_one_with_the_lower_probability() -> None:
-    (found,) = merged((flip(3, 0.9), flip(1, 0.8)))
-    assert (found.fault, found.probability) == (SignFlip((1, 3)), 0.8)
 
 
 def test_values_are_sorted_with_their_joints() -> None:
@@ -188,15 +97,6 @@ def test_without_a_data_sheet_only_what_matters_is_named() -> None:
     assert find_quantization(silent) == ()
     assert find_quantization(rounded(silent, {1: 2 * np.pi / 2**16})) == ()
     assert find_quantization(rounded(silent, {1: 2 * np.pi / 2**12}))[0].joints == (1,)
-
-
-def test_noise_after_rounding_is_no_lattice() -> None:
-    rng = np.random.default_rng(0)
-    q = np.round(np.sin(np.linspace(0, 9, 3000)) / 1e-3) * 1e-3
-    assert lattice(q) is not None
-    assert lattice(q + 1e-3 * rng.standard_normal(q.shape)) is None
-    assert lattice(rng.standard_normal(3000)) is None
-    assert lattice(np.zeros(3000)) is None
 
 
 @pytest.mark.shared_data
