@@ -24,14 +24,11 @@ from gapscope.arm.dynamics.description import (
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
-    check_references,
     checked,
-    gravity_of,
     inertial_faults,
     left_out,
     lock,
     placeholder,
-    position_gains,
     silent_limits,
 )
 from gapscope.arm.errors import InputError, ModelWarning
@@ -297,10 +294,8 @@ def load_nominal_arm(
         for key, entry in FROM_FILE.items()
     }
     if tree.form == "MJCF":
-        check_references(tree, names)
-        notes += (*left_out(tree, names), *position_gains(tree, names))
-        down = gravity_of(tree)
-        values |= {} if down is None else {"gravity": down}
+        notes += left_out(tree, names)
+        values |= {} if tree.gravity is None else {"gravity": tree.gravity}
     for note in notes:
         warnings.warn(note, ModelWarning, stacklevel=2)
     values |= given
