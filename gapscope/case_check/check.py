@@ -332,13 +332,11 @@ def _silent(
     least = MIN_LOAD * torque.max()
     rows = rows[:, :, base.kept] * scale / np.maximum(torque, least)[:, None]
     scaled = rows.reshape(-1, len(base.kept))
-    norms = np.linalg.norm(scaled, axis=0)
-    full = norms > 1e-12 * norms.max()
-    unit = np.where(full, scaled / np.where(full, norms, 1.0), 0.0)
-    values, vectors = np.linalg.eigh(unit.T @ unit)
-    inverse = (vectors**2 / np.maximum(values, 1e-14)) @ np.ones(len(values))
-    own = np.where(full, norms, 1e-12) / np.sqrt(inverse)
-    deviation = LEFT_OVER / own / np.sqrt(INDEPENDENT)
+    normal = scaled.T @ scaled
+    # so that what is not excited at all has a large deviation
+    normal += 1e-12 * np.trace(normal) * np.eye(len(normal))
+    variance = np.diag(np.linalg.inv(normal)) / INDEPENDENT
+    deviation = LEFT_OVER * np.sqrt(variance)
     names = [base.names[k] for k in base.kept]
     silent = tuple(
         name for name, std in zip(names, deviation, strict=True) if std > KNOWN

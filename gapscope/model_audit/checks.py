@@ -741,61 +741,58 @@ def check_shifted(
 def misfit(inertial: Inertial, extent: Extent) -> float:
     """d^2 / tr(G) of a body and the extent of a link [1]."""
     own, shape = inertial.variance, extent.variance
-    root = _root(own)
-    overlap = np.trace(_root(root @ shape @ root))
+    # the eigenvalues of S^1/2 G S^1/2 are those of S G
+    squares = np.linalg.eigvals(own @ shape).real
+    overlap = np.sqrt(np.maximum(squares, 0.0)).sum()
     offset = float(np.sum((inertial.com - extent.centre) ** 2))
     total = np.trace(own) + np.trace(shape)
     return max(0.0, float((offset + total - 2 * overlap) / np.trace(shape)))
 
 
-def _root(matrix: np.ndarray) -> np.ndarray:
-    """Square root of a symmetric matrix whose eigenvalues are not negative but for rounding."""
-    values, vectors = np.linalg.eigh(matrix)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
-
-
 def _whole(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Finding]:
     """The whole inertials are those of the link before or behind, in this order of the links that have one."""
-    bodies = [link.inertial for link in links if link.inertial is not None]
-    places = [extents.get(link.name) for link in links]
     tried = []
     for step in (1, -1):
-        fits = [_fits(bodies, places, k, k + step) for k in range(len(links))]
-        gains = np.array([gain for gain in fits if gain is not None])
+        # by how much the giver's inertial fits better than the own, as a logarithm
+        gains = np.array(
+            [
+                np.log(FLOOR + misfit(own, extent))
+                - np.log(FLOOR + misfit(giver, extent))
+                for own, giver, extent in _neighbours(links, extents, step)
+                if own.is_body and giver.is_body
+            ]
+        )
         # neighbours with the same inertial say nothing
         told = gains[np.abs(gains) > TIED]
         if len(gains) >= SHIFT_LINKS and len(told) >= MIN_TOLD:
-            share = float(np.mean(told > 0))
-            tried.append((float(gains.mean()), share, step, len(told)))
-    best = max(tried, key=lambda each: each[0], default=(0.0, 0.0, 0, 0))
-    mean, share, step, count = best
+            tried.append((gains.mean(), np.mean(told > 0), step, len(told)))
+    mean, share, step, count = max(tried, default=(0.0, 0.0, 0, 0))
     if mean < SHIFT_GAIN or share < SHIFT_SHARE:
         return
     beyond = "next" if step > 0 else "previous"
     yield _shifted(
         links,
         "shifted_inertials",
-        places,
+        extents,
         f"the inertials look shifted by one link: {share:.0%} of {count} links are fitted better by the inertial of "
         f"the {beyond} link, whose misfit is {np.exp(-mean):.2g} times that of their own",
         "each inertial within its own link",
         f"give each link the <inertial> of the {beyond} one (converters that lose or add the base do this), and run "
         "the audit again",
-        mean,
+        float(mean),
     )
 
 
-def _fits(
-    bodies: Sequence[Inertial], places: Sequence[Extent | None], own: int, giver: int
-) -> float | None:
-    """By how much the giver's inertial fits a link better than its own, as a logarithm; ``None`` if not known."""
-    extent = places[own]
-    if extent is None or not 0 <= giver < len(bodies):
-        return None
-    if not (bodies[own].is_body and bodies[giver].is_body):
-        return None
-    now, then = (misfit(bodies[k], extent) for k in (own, giver))
-    return float(np.log((FLOOR + now) / (FLOOR + then)))
+def _neighbours(
+    links: Sequence[Link], extents: Mapping[str, Extent], step: int
+) -> Iterator[tuple[Inertial, Inertial, Extent]]:
+    """Inertial of each link of known extent, that of the link ``step`` further, and the extent."""
+    for own, link in enumerate(links):
+        giver, extent = own + step, extents.get(link.name)
+        if extent is not None and 0 <= giver < len(links):
+            first, second = link.inertial, links[giver].inertial
+            if first is not None and second is not None:
+                yield first, second, extent
 
 
 def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Finding]:
@@ -804,20 +801,34 @@ def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fi
     With s_i = ln(tr(I_i) / L_i^2), L the links' sizes, and masses m, arms have similar s_i - ln(m_i) on all links; the
     F test compares its spread with that of s_i - ln(m_k), k the neighbour.
     """
-    bodies = [link.inertial for link in links if link.inertial is not None]
-    places = [extents.get(link.name) for link in links]
-    both = (_mass_spread(bodies, places, step) for step in (1, -1))
-    best = min(filter(None, both), default=None)
-    if best is None:
+    tried = []
+    for step in (1, -1):
+        rows = np.array(
+            [
+                (np.trace(own.moments) / extent.size, own.mass, giver.mass)
+                for own, giver, extent in _neighbours(links, extents, step)
+                # moments that no body has say nothing of the mass
+                if extent.size and possible(own) and giver.is_body
+            ]
+        )
+        count = len(rows)
+        if count < SHIFT_LINKS + 1 or np.ptp(rows[:, 1]) == 0:
+            continue
+        size, own_mass, other_mass = np.log(rows).T
+        now, then = (float(np.std(size - m, ddof=1)) for m in (own_mass, other_mass))
+        then = max(ROUNDING, then)
+        p = float(fisher.sf((now / then) ** 2, count - 1, count - 1))
+        tried.append((p, then, now, count, step))
+    if not tried:
         return
-    p, then, now, count, step = best
+    p, then, now, count, step = min(tried)
     if p > MASS_SHIFT_LEVEL or then > MASS_SHIFT_SPREAD:
         return
     beyond = "next" if step > 0 else "previous"
     yield _shifted(
         links,
         "shifted_masses",
-        places,
+        extents,
         f"the masses look shifted by one link: moments over mass and size differ by {np.expm1(now):.0%} between "
         f"{count} links, with the mass of the {beyond} link each by {np.expm1(then):.0%} (p = {p:.1g}); "
         "centres and moments are in place",
@@ -825,34 +836,6 @@ def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fi
         f"give each link the <mass> of the {beyond} one, compare with the data sheet, and run the audit again",
         float(np.log(now / then)),
     )
-
-
-def _mass_spread(
-    bodies: Sequence[Inertial], places: Sequence[Extent | None], step: int
-) -> tuple[float, float, float, int, int] | None:
-    """How moments over mass and size spread with the masses ``step`` links further; ``None`` of few links.
-
-    First p of an F test that they spread no less than now, then the standard deviation of their logarithm [1] with
-    those masses and now, the number of links, and the step.
-    """
-    sizes, own_masses, other_masses = [], [], []
-    for own, extent in enumerate(places):
-        giver = own + step
-        if extent is None or not extent.size or not 0 <= giver < len(bodies):
-            continue
-        # moments that no body has say nothing of the mass
-        if possible(bodies[own]) and bodies[giver].is_body:
-            sizes.append(np.log(np.trace(bodies[own].moments) / extent.size))
-            own_masses.append(np.log(bodies[own].mass))
-            other_masses.append(np.log(bodies[giver].mass))
-    count = len(sizes)
-    if count < SHIFT_LINKS + 1 or np.ptp(own_masses) == 0:
-        return None
-    now = float(np.std(np.subtract(sizes, own_masses), ddof=1))
-    then = float(np.std(np.subtract(sizes, other_masses), ddof=1))
-    then = max(ROUNDING, then)
-    p = float(fisher.sf((now / then) ** 2, count - 1, count - 1))
-    return p, then, now, count, step
 
 
 def possible(inertial: Inertial) -> bool:
@@ -866,13 +849,14 @@ def possible(inertial: Inertial) -> bool:
 def _shifted(
     links: Sequence[Link],
     kind: str,
-    places: Sequence[Extent | None],
+    extents: Mapping[str, Extent],
     found: str,
     expected: str,
     remedy: str,
     size: float,
 ) -> Finding:
-    if not all(place.by_shape for place in places if place is not None):
+    known = [extents[link.name] for link in links if link.name in extents]
+    if not all(extent.by_shape for extent in known):
         found += "; judged by the joints' frames where shapes are missing, which is less certain"
     _, line = links[0].where
     return Finding("implausible", kind, "", line, found, expected, remedy, 10.0 + size)

@@ -722,13 +722,12 @@ def along(first: np.ndarray, second: np.ndarray) -> Place:
 
 
 def _turn_of_z(direction: np.ndarray) -> np.ndarray:
-    """A rotation whose z axis has a direction; unity of none, shape (3, 3)."""
-    length = np.linalg.norm(direction)
-    z = direction / length if length else np.array([0.0, 0.0, 1.0])
-    # any axis that is not along z will do for the others
-    x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
+    """The shortest turn from the z axis to a direction; unity of none, shape (3, 3)."""
+    axis = np.cross([0.0, 0.0, 1.0], direction)
+    size = np.linalg.norm(axis)
+    angle = np.arctan2(size, direction[2])
+    # about any axis across it to the opposite direction
+    return _turned(angle * (axis / size if size else np.array([1.0, 0.0, 0.0])))
 
 
 class _MjcfReader(_Reader):
@@ -1010,10 +1009,7 @@ class _MjcfReader(_Reader):
             y = _unit(given[3:] - (x @ given[3:]) * x)
             turn = np.column_stack([x, y, np.cross(x, y)])
         elif key == "zaxis":
-            # the shortest turn from z to there
-            axis = np.cross([0.0, 0.0, 1.0], given)
-            size = np.linalg.norm(axis)
-            turn = _turned(np.arctan2(size, given[2]) * axis / (size or 1.0))
+            turn = _turn_of_z(given)
         return Place(turn, position)
 
 

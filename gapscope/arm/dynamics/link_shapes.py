@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from itertools import combinations, compress
+from itertools import combinations, compress, product
 from pathlib import Path
 
 import coal
@@ -176,29 +176,16 @@ def shape_points(shape: Shape, count: int, corners: int) -> np.ndarray | None:
     if not (size > 0).all():
         return None
     if shape.kind == "box":
-        return box_corners(size)
+        return 0.5 * size * np.array(list(product((-1, 1), repeat=3)))
     if shape.kind == "cylinder":
-        return cylinder_edges(size[0], size[1], corners)
-    if shape.kind == "capsule":
-        caps, end = directions(count) * size[0], np.array([0.0, 0.0, size[1] / 2])
-        return np.vstack([caps + end, caps - end])
-    return directions(count) * size
-
-
-def box_corners(edges: np.ndarray) -> np.ndarray:
-    """Corners of a box around the origin, (8, 3)."""
-    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-    return 0.5 * signs * edges
-
-
-def cylinder_edges(radius: float, length: float, count: int) -> np.ndarray:
-    """Points on both rims of a cylinder along z around the origin [m], (2 count, 3)."""
-    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    ends = [
-        np.column_stack([circle, np.full(count, z)]) for z in (-length / 2, length / 2)
-    ]
-    return np.vstack(ends)
+        angle = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+        rim = size[0] * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    elif shape.kind == "capsule":
+        rim = directions(count) * size[0]
+    else:
+        return directions(count) * size
+    end = np.array([0.0, 0.0, size[1] / 2])
+    return np.vstack([rim - end, rim + end])
 
 
 def mesh_points(mesh: Path, scale: Sequence[float]) -> np.ndarray | None:

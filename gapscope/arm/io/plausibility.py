@@ -13,7 +13,7 @@ from gapscope.arm.io.layouts import UNITS
 from gapscope.arm.io.table import LARGEST_NUMBER, Table, runs
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import MOST, STILL, Recording
+from gapscope.arm.recording import MOST, STILL, Recording, kept_values
 
 # The clock of a recording: how even its stamps are, and whether its rows were taken evenly though stamped unevenly.
 #
@@ -517,34 +517,21 @@ def stuck_rows(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, tuple[str, ...
         t: time [s], (N,).
         q: positions, any unit, (N, n).
     """
-    stuck = np.zeros(len(t), dtype=bool)
-    joints = []
+    stuck = np.zeros(q.shape, dtype=bool)
     for j, series in enumerate(q.T):
-        own = _stuck(t, series)
-        stuck |= own
-        if own.any():
-            joints.append(f"q{j + 1}")
+        starts, stops = kept_values(series)
+        leap = np.abs(np.diff(series[starts], append=series[-1]))
+        usual = np.median(leap[:-1]) if len(leap) > 1 else np.inf
+        long = t[stops - 1] - t[starts] >= STUCK_TIME
+        for place in np.flatnonzero(long & (leap > LEAP * usual)):
+            # the first of them was measured
+            stuck[starts[place] + 1 : stops[place], j] = True
+    joints = [f"q{j + 1}" for j in np.flatnonzero(stuck.any(axis=0))]
+    rows = np.asarray(stuck.any(axis=1))
     if not joints:
-        return stuck, ()
-    note = f"{LEFT_OUT}{stuck.sum()} ({stuck.mean():.2%}), {', '.join(joints)}"
-    return stuck, (note,)
-
-
-def _stuck(t: np.ndarray, series: np.ndarray) -> np.ndarray:
-    """Rows in which one joint's position, (N,), is stuck."""
-    steps = np.diff(series)
-    edges = np.flatnonzero(steps) + 1
-    starts, stops = np.r_[0, edges], np.r_[edges, len(series)]
-    out = np.zeros(len(series), dtype=bool)
-    if not len(edges):
-        return out
-    usual = np.median(np.abs(steps[edges - 1]))
-    leap = np.r_[np.abs(steps[edges - 1]), 0.0]
-    long = t[stops - 1] - t[starts] >= STUCK_TIME
-    for place in np.flatnonzero(long & (leap > LEAP * usual)):
-        # the first of them was measured
-        out[starts[place] + 1 : stops[place]] = True
-    return out
+        return rows, ()
+    note = f"{LEFT_OUT}{rows.sum()} ({rows.mean():.2%}), {', '.join(joints)}"
+    return rows, (note,)
 
 
 # All of this, in the order in which a reader does it.
