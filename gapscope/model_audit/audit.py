@@ -402,7 +402,7 @@ def _weighed(finding: Finding, description: Description) -> Finding:
     """A finding about a link that no joint moves, or that is very light, is a note: it hardly changes any torque."""
     tag, _, name = finding.place.partition(" ")
     names = {link.name for link in description.links}
-    if tag != "link" or name not in names or finding.kind in ("loop", "no_mass"):
+    if tag != "link" or name not in names or finding.kind == "no_mass":
         return finding
     inertial = description.by_name[name].inertial
     least = LIGHT_SHARE * total_mass(description)

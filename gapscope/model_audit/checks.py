@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from gapscope.arm.dynamics.description import Description, Inertial, Joint, Link
+from gapscope.arm.dynamics.robot_file import tree_faults
 from gapscope.model_audit.description import Finding, Geometry, distance_outside
 
 # All thresholds of the audit, each with its meaning, its unit in brackets and where it comes from in parentheses.
@@ -429,52 +430,20 @@ FIELDS = {"damping": "viscous", "friction": "coulomb", "armature": "armature"}
 
 def check_joints(description: Description) -> Iterator[Finding]:
     """What is odd about the joints, each one and all together."""
-    yield from _tree(description)
+    for kind, joint, problem in tree_faults(description, description.joints):
+        yield Finding(
+            "impossible",
+            kind,
+            *joint.where,
+            problem,
+            "links of the file in a tree from one base, each with a name of its own",
+            "correct the names, <parent> and <child>",
+            1e3,
+        )
     for joint in description.moving:
         yield from _axis(joint)
         yield from _limits(joint, description.form)
     yield from _values_of_all(description)
-
-
-def _tree(description: Description) -> Iterator[Finding]:
-    """Links that joints name and the file lacks, links that two joints hold, and joints of other kinds."""
-    names = {link.name for link in description.links}
-    held = Counter(joint.child for joint in description.joints)
-    for joint in description.joints:
-        for end in (joint.parent, joint.child):
-            if end not in names:
-                yield Finding(
-                    "impossible",
-                    "no_such_link",
-                    *joint.where,
-                    f"names the link {end!r}, which the file does not have",
-                    "links of the file",
-                    "correct the name",
-                    1e3,
-                )
-        if held[joint.child] > 1:
-            yield Finding(
-                "impossible",
-                "held_twice",
-                *joint.where,
-                f"{held[joint.child]} joints hold the link {joint.child}",
-                "a tree: one joint above each link",
-                "remove the joints that close a loop",
-                1e3,
-            )
-    below = {link.name for link in description.in_tree_order()}
-    for link in description.links:
-        if link.name not in below:
-            yield Finding(
-                "impossible",
-                "loop",
-                f"link {link.name}",
-                link.line,
-                "hangs on a loop of joints, not on the base",
-                "a tree of links from one base",
-                "correct <parent> and <child> of its joints",
-                1e3,
-            )
 
 
 def _axis(joint: Joint) -> Iterator[Finding]:

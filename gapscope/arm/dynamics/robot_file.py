@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -172,39 +172,48 @@ def _check_joint(joint: Joint, path: Path) -> None:
             )
 
 
+def tree_faults(
+    description: Description, joints: Sequence[Joint]
+) -> Iterator[tuple[str, Joint, str]]:
+    """What keeps joints from holding links of the file in one tree: a word for it, the joint, and the problem."""
+    held = Counter(joint.child for joint in joints)
+    names = Counter(joint.name for joint in joints)
+    known = Counter(link.name for link in description.links)
+    for joint in joints:
+        odd = [end for end in (joint.parent, joint.child) if known[end] != 1]
+        *_, top = description.upwards(joint.child)
+        if odd and not known[odd[0]]:
+            said = f"names the link {odd[0]!r}, which the file does not have"
+            yield "no_such_link", joint, said
+        elif odd:
+            said = f"names the link {odd[0]!r}, of which the file has {known[odd[0]]}"
+            yield "same_name", joint, said
+        elif held[joint.child] > 1:
+            yield (
+                "held_twice",
+                joint,
+                f"holds the link {joint.child}, and so do others",
+            )
+        elif joint.moves and (not joint.name or names[joint.name] > 1):
+            yield "same_name", joint, "needs a name of its own"
+        elif top.parent in description.above:
+            yield "loop", joint, f"its joints close a loop at the link {joint.child!r}"
+
+
 def _check_tree(
     description: Description, joints: Sequence[Joint], bases: Sequence[str]
 ) -> None:
     """Check that joints hold links of the file in one tree, and that there is no other base."""
-    held = Counter(joint.child for joint in joints)
-    names = Counter(joint.name for joint in joints)
-    known = Counter(link.name for link in description.links)
-    roots = dict.fromkeys(bases)
-    for joint in joints:
-        problem = ""
-        ends = [end for end in (joint.parent, joint.child) if known[end] != 1]
-        *_, top = description.upwards(joint.child)
-        if ends and not known[ends[0]]:
-            problem = f"names the link {ends[0]!r}, which the file does not have"
-        elif ends:
-            problem = (
-                f"names the link {ends[0]!r}, of which the file has {known[ends[0]]}"
-            )
-        elif held[joint.child] > 1:
-            problem = f"holds the link {joint.child}, and so do others"
-        elif joint.moves and (not joint.name or names[joint.name] > 1):
-            problem = "needs a name of its own"
-        elif top.parent in description.above:
-            problem = f"its joints close a loop at the link {joint.child!r}"
-        roots[top.parent] = None
-        if problem:
-            raise InputError(
-                problem,
-                "correct the file: the links of an arm hang on one base, one joint above each; or name the arm in "
-                "chain: or joints: of the case, and what does not concern it is not read",
-                file=description.file,
-                where=f"line {joint.line}, joint {joint.name}",
-            )
+    for _, joint, problem in tree_faults(description, joints):
+        raise InputError(
+            problem,
+            "correct the file: the links of an arm hang on one base, one joint above each; or name the arm in "
+            "chain: or joints: of the case, and what does not concern it is not read",
+            file=description.file,
+            where=f"line {joint.line}, joint {joint.name}",
+        )
+    tops = ([*description.upwards(joint.child)][-1].parent for joint in joints)
+    roots = dict.fromkeys([*bases, *tops])
     if len(roots) > 1:
         raise InputError(
             f"has several bases: {', '.join(roots)}",
