@@ -521,22 +521,8 @@ def check_case(path: Path, progress: Progress = silent) -> dict[str, Any]:
             expected = _could_show(case, look.faults, remarks)
         except GapscopeError as error:
             remarks.append(_as_remark(error, "torque"))
-    content = {
-        "schema": 1,
-        "case": None if case is None else case.name,
-        "can_be_diagnosed": all(remark.level != "error" for remark in remarks),
-        "remarks": [asdict(remark) for remark in remarks],
-        "recordings": [] if case is None else _listed_recordings(case),
-        "joints": [] if case is None else _listed_joints(case, motions),
-        "excited": excited,
-        "expected": expected,
-    }
-    result: dict[str, Any] = plain(content, null_if_not_finite=True)
-    return result
-
-
-def _listed_recordings(case: Case) -> list[dict[str, Any]]:
-    return [
+    groups = () if case is None else ((False, case.recordings), (True, case.judged))
+    recordings = [
         {
             "name": recording.name,
             "duration": recording.duration,
@@ -545,17 +531,26 @@ def _listed_recordings(case: Case) -> list[dict[str, Any]]:
             "channels": [x for x in CHANNELS if getattr(recording, x) is not None],
             "held_out": held_out,
         }
-        for group, held_out in ((case.recordings, False), (case.judged, True))
+        for held_out, group in groups
         for recording in group
     ]
-
-
-def _listed_joints(case: Case, motions: Motions) -> list[dict[str, Any]]:
-    """How each joint moves; only the names if that is not known."""
-    return [
+    # how each joint moves; only the names if that is not known
+    joints = [
         {"name": joint, **{name: values[j] for name, values in motions.items()}}
-        for j, joint in enumerate(case.arm.joints)
+        for j, joint in enumerate(case.arm.joints if case else ())
     ]
+    content = {
+        "schema": 1,
+        "case": None if case is None else case.name,
+        "can_be_diagnosed": all(remark.level != "error" for remark in remarks),
+        "remarks": [asdict(remark) for remark in remarks],
+        "recordings": recordings,
+        "joints": joints,
+        "excited": excited,
+        "expected": expected,
+    }
+    result: dict[str, Any] = plain(content, null_if_not_finite=True)
+    return result
 
 
 def _could_show(

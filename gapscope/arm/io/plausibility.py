@@ -243,23 +243,25 @@ def check_positions(
         allowed = max(abs(lower), abs(upper))
         # beyond a turn and far outside the limits: another unit or side, not a bad limit
         if reach > 7 * size and reach > 1.5 * allowed and not any_unit:
-            guess = "mm" if arm.sliding[j] else "deg"
+            guess, words = (
+                ("mm", "millimetres") if arm.sliding[j] else ("deg", "degrees")
+            )
             fits = reach * UNITS[guess] <= 1.2 * allowed
-            raise _other_unit(range_text, guess if fits else "", table, f"q{j + 1}")
+            remedy = "check the unit, the order of the joints and the transmission in the case's import section"
+            if fits:
+                range_text += f": looks like {words}"
+                remedy = (
+                    f"say in the case: import: {{q: {{column: ..., unit: {guess}}}}}"
+                )
+            raise InputError(
+                range_text,
+                f"{remedy}; {DIAGNOSE_FIRST}",
+                file=table.path,
+                where=f"column q{j + 1}",
+            )
         if low < lower - 0.1 * size or high > upper + 0.1 * size:
             notes.append(f"{range_text}: check unit, offset and order of the joints")
     return tuple(notes)
-
-
-def _other_unit(range_text: str, guess: str, table: Table, column: str) -> InputError:
-    """The error on positions that cannot be radians, or metres, on the joint's side; the unit that fits, if any."""
-    remedy = "check the unit, the order of the joints and the transmission in the case's import section"
-    if guess:
-        words = {"deg": "degrees", "mm": "millimetres"}[guess]
-        range_text += f": looks like {words}"
-        remedy = f"say in the case: import: {{q: {{column: ..., unit: {guess}}}}}"
-    remedy = f"{remedy}; {DIAGNOSE_FIRST}"
-    return InputError(range_text, remedy, file=table.path, where=f"column {column}")
 
 
 def without_turns(
@@ -272,7 +274,11 @@ def without_turns(
     positions = {name: values[name] for name in ("q", "q_ref") if name in values}
     turned = np.zeros(values["q"].shape[1], dtype=bool)
     for x in positions.values():
-        turned |= _restarts_after_a_turn(x)
+        step = np.abs(np.diff(x, axis=0))
+        by_a_turn = np.abs(step - 2 * np.pi) < TURN_TOLERANCE
+        # positions in another unit have steps of all sizes
+        plain = (by_a_turn | (step < TURN_TOLERANCE)).all(axis=0)
+        turned |= by_a_turn.any(axis=0) & plain
     if not turned.any():
         return values, ()
     # where one joint starts again after a turn, those that did not get there count likewise
@@ -286,15 +292,6 @@ def without_turns(
         out[name] = np.where(counted, steady, x)
     joints = ", ".join(f"q{j + 1}" for j in np.flatnonzero(turned))
     return out, (f"jumps by a turn between two samples taken back: {joints}",)
-
-
-def _restarts_after_a_turn(x: np.ndarray) -> np.ndarray:
-    """Which joints' positions x [rad], (N, n), jump by a turn and make small steps else; (n,)."""
-    step = np.abs(np.diff(x, axis=0))
-    by_a_turn = np.abs(step - 2 * np.pi) < TURN_TOLERANCE
-    # positions in another unit have steps of all sizes
-    plain = (by_a_turn | (step < TURN_TOLERANCE)).all(axis=0)
-    return np.asarray(by_a_turn.any(axis=0) & plain)
 
 
 def repeated_rows(
@@ -368,16 +365,6 @@ def _is_unsigned(q: np.ndarray, tau: np.ndarray) -> bool:
     to_and_fro = both_ways & (np.ptp(q, axis=0) > 2 * STILL)
     touches_zero = tau.min(axis=0) < 0.05 * tau.max(axis=0)
     return bool(to_and_fro.sum() >= 2 and touches_zero[to_and_fro].all())
-
-
-def gap_notes(t: np.ndarray) -> tuple[str, ...]:
-    """A note if samples are missing: steps of t [s] longer than 2.5 usual ones."""
-    step = np.diff(t)
-    usual = np.median(step)
-    wide = step > LOST_SAMPLE_STEP * usual
-    if not wide.any():
-        return ()
-    return (f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s",)
 
 
 # Spikes: one or two samples that leave their neighbours and come back, as bit errors and lost words make them.
@@ -553,15 +540,19 @@ def put_right(
         every_row: leave spikes and rows that are stuck as they are.
     """
     notes: list[str] = []
-    for step in (without_turns, untrusted_torque):
-        values, found = step(values)
+    for mend in (without_turns, untrusted_torque):
+        values, found = mend(values)
         notes += found
     if not every_row:
         values, found = without_spikes(t, values, per_radian)
         stuck, said = stuck_rows(t, values["q"])
         t, values = without_rows(stuck, t, values)
         notes += found + said
-    return t, values, (*notes, *gap_notes(t))
+    step = np.diff(t)
+    wide = step > LOST_SAMPLE_STEP * np.median(step)
+    if wide.any():
+        notes.append(f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s")
+    return t, values, tuple(notes)
 
 
 def without_rows(
