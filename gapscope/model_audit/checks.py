@@ -96,12 +96,15 @@ def check_products(
     """Links that lie askew in their frames, and whose products of inertia have the opposite sign of their shapes'."""
     cosines = {}
     for link in description.links:
-        if link.inertial is None or not link.inertial.is_body:
+        inertial, geometry = link.inertial, geometries.get(link.name)
+        if inertial is None or not inertial.is_body or geometry is None:
             continue
-        if (geometry := geometries.get(link.name)) is not None:
-            cosine = _cosine(link.inertial, geometry)
-            if cosine is not None:
-                cosines[link.name] = cosine
+        spreads = (inertial.variance, geometry.variance)
+        own, shape = (spread[ABOVE] for spread in spreads)
+        sizes = np.array([np.linalg.norm(own), np.linalg.norm(shape)])
+        # one that hardly lies askew tells no sign
+        if (sizes >= SKEW * np.trace(spreads, axis1=1, axis2=2)).all():
+            cosines[link.name] = float(own @ shape / sizes.prod())
     opposite = [name for name, cosine in cosines.items() if cosine < OPPOSITE_PRODUCTS]
     if len(opposite) < max(OPPOSITE_LINKS, OPPOSITE_SHARE * len(cosines)):
         return
@@ -117,17 +120,6 @@ def check_products(
         "notation)",
         size=1.0,
     )
-
-
-def _cosine(inertial: Inertial, geometry: Geometry) -> float | None:
-    """Cosine between the products of a body and of its shape; ``None`` if one of them hardly has any."""
-    body, shape = inertial.variance, geometry.variance
-    own, expected = body[ABOVE], shape[ABOVE]
-    sizes = np.linalg.norm(own), np.linalg.norm(expected)
-    if sizes[0] < SKEW * np.trace(body) or sizes[1] < SKEW * np.trace(shape):
-        return None
-    return float(own @ expected / sizes[0] / sizes[1])
-
 
 
 # Inertials that no body has, whatever its shape.
@@ -151,9 +143,51 @@ def check_inertials(
         inertial = link.inertial
         if inertial is None:
             continue
-        found = list(_check_body(link, inertial))
-        yield from found
-        if not found and inertial.is_body and link.name not in with_shape:
+        mass, moments = inertial.mass, np.linalg.eigvalsh(inertial.moments)
+        said = f"principal moments {_listed(moments)} kg m^2"
+        if mass == 0 and not moments.any():
+            continue  # a frame: the same as no inertial
+        if mass <= 0:
+            yield Finding(
+                "impossible",
+                "mass",
+                *link.where,
+                f"mass {mass:g} kg with moments {_listed(moments)} kg m^2",
+                "a mass above zero",
+                "give the mass of the data sheet or the drawing",
+                size=1e3,
+            )
+        elif not moments.any():
+            yield Finding(
+                "implausible" if mass > POINT_MASS else "note",
+                "no_moments",
+                *link.where,
+                f"{mass:g} kg without moments of inertia",
+                "the moments of the link's shape",
+                "give them; a simulator may refuse a body of zero inertia, or make up its own",
+                size=mass,
+            )
+        elif moments[0] <= 0:
+            yield Finding(
+                "impossible",
+                "inertia_not_positive",
+                *link.where,
+                said,
+                "all above zero",
+                "check the signs of ixx, iyy, izz and the size of ixy, ixz, iyz; they refer to the centre of mass",
+                size=100.0,
+            )
+        elif (excess := moments[2] / (moments[0] + moments[1])) > 1 + TRIANGLE_EXCESS:
+            yield Finding(
+                "impossible",
+                "triangle_inequality",
+                *link.where,
+                f"{said}: the largest is {excess:.3g} times the sum of the others",
+                "no moment above the sum of the other two",
+                slipped_digit(inertial) or "take the moments from the CAD model again",
+                size=float((mass + 1) * (excess - 1)),
+            )
+        elif inertial.is_body and link.name not in with_shape:
             yield from _check_box(link, inertial)
     yield from _massless(description)
 
@@ -167,62 +201,6 @@ def box_density(inertial: Inertial) -> float:
     edges = np.sqrt(12 * variances)
     edges = np.maximum(edges, MIN_EDGE_SHARE * edges.max())
     return float(inertial.mass / edges.prod())
-
-
-def _check_body(link: Link, inertial: Inertial) -> Iterator[Finding]:
-    moments = np.linalg.eigvalsh(inertial.moments)
-    if inertial.mass <= 0 and not moments.any() and inertial.mass == 0:
-        return  # a frame: the same as no inertial
-    if inertial.mass <= 0:
-        yield Finding(
-            "impossible",
-            "mass",
-            *link.where,
-            f"mass {inertial.mass:g} kg with moments {_listed(moments)} kg m^2",
-            "a mass above zero",
-            "give the mass of the data sheet or the drawing",
-            size=1e3,
-        )
-    elif moments.any():
-        yield from _check_moments(link, inertial, moments)
-    else:
-        yield Finding(
-            "implausible" if inertial.mass > POINT_MASS else "note",
-            "no_moments",
-            *link.where,
-            f"{inertial.mass:g} kg without moments of inertia",
-            "the moments of the link's shape",
-            "give them; a simulator may refuse a body of zero inertia, or make up its own",
-            size=inertial.mass,
-        )
-
-
-def _check_moments(
-    link: Link, inertial: Inertial, moments: np.ndarray
-) -> Iterator[Finding]:
-    """Principal moments [kg m^2], (3,), in rising order: above zero, and none above the sum of the others."""
-    if moments[0] <= 0:
-        yield Finding(
-            "impossible",
-            "inertia_not_positive",
-            *link.where,
-            f"principal moments {_listed(moments)} kg m^2",
-            "all above zero",
-            "check the signs of ixx, iyy, izz and the size of ixy, ixz, iyz; they refer to the centre of mass",
-            size=100.0,
-        )
-        return
-    excess = moments[2] / (moments[0] + moments[1])
-    if excess > 1 + TRIANGLE_EXCESS:
-        yield Finding(
-            "impossible",
-            "triangle_inequality",
-            *link.where,
-            f"principal moments {_listed(moments)} kg m^2: the largest is {excess:.3g} times the sum of the others",
-            "no moment above the sum of the other two",
-            slipped_digit(inertial) or "take the moments from the CAD model again",
-            size=float(inertial.mass * (excess - 1) + (excess - 1)),
-        )
 
 
 def _check_box(link: Link, inertial: Inertial) -> Iterator[Finding]:
@@ -529,17 +507,13 @@ def _values_of_all(description: Description) -> Iterator[Finding]:
                 f"looks like a placeholder: give the data sheet's{identify}",
                 0.2,
             )
-    if absent:
-        yield _no_drive(description, absent)
-
-
-def _no_drive(description: Description, absent: list[str]) -> Finding:
-    """Friction or rotors that no joint has."""
+    if not absent:
+        return
     found = f"no joint has {' or '.join(DRIVE[name] for name in absent)}"
     if description.form == "URDF" and "armature" in absent:
         found += "; a URDF has no place for rotors"
     fields = ", ".join(f"{FIELDS[name]}: [...]" for name in absent)
-    return Finding(
+    yield Finding(
         "missing",
         "no_drive",
         "",
@@ -549,7 +523,6 @@ def _no_drive(description: Description, absent: list[str]) -> Finding:
         f"give nominal: {{{fields}}} in case.yaml from the data sheet, or identify the arm (gapscope identify)",
         0.1,
     )
-
 
 
 # Mass, centre of mass and moments of each link against its shapes.
@@ -563,42 +536,33 @@ def check_geometry(
         inertial, geometry = link.inertial, geometries.get(link.name)
         if inertial is None or geometry is None or not inertial.is_body:
             continue
-        if inertial.mass >= MIN_MASS:
-            yield from _density(link, inertial, geometry)
-            yield from _centre(link, inertial, geometry)
-            yield from _size(link, inertial, geometry)
-
-
-def _density(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Finding]:
-    density = inertial.mass / geometry.volume
-    if MIN_DENSITY <= density <= LARGEST_DENSITY:
-        return
-    bound = MIN_DENSITY if density < MIN_DENSITY else LARGEST_DENSITY
-    yield Finding(
-        "implausible",
-        "density",
-        *link.where,
-        f"{inertial.mass:.3g} kg in shapes of {1e3 * geometry.volume:.3g} dm^3: {density:.2g} kg/m^3",
-        f"{MIN_DENSITY:g} to {LARGEST_DENSITY:g} kg/m^3",
-        "check the mass, its unit, and the scale of the meshes",
-        size=float(abs(np.log(density / bound))),
-    )
-
-
-def _centre(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Finding]:
-    outside = distance_outside(geometry, inertial.com)
-    if outside <= OUTSIDE * geometry.edge:
-        return
-    yield Finding(
-        "implausible",
-        "com_outside",
-        *link.where,
-        f"centre of mass {_vector(inertial.com)} m is {outside:.3g} m outside the link's shapes",
-        f"inside, near {_vector(geometry.centre)} m, the middle of the shapes",
-        "check the unit and the frame of <origin>: it is given in the link's frame, not in that of the base or the CAD "
-        "assembly",
-        size=outside / geometry.edge,
-    )
+        if inertial.mass < MIN_MASS:
+            continue
+        density = inertial.mass / geometry.volume
+        if not MIN_DENSITY <= density <= LARGEST_DENSITY:
+            bound = MIN_DENSITY if density < MIN_DENSITY else LARGEST_DENSITY
+            yield Finding(
+                "implausible",
+                "density",
+                *link.where,
+                f"{inertial.mass:.3g} kg in shapes of {1e3 * geometry.volume:.3g} dm^3: {density:.2g} kg/m^3",
+                f"{MIN_DENSITY:g} to {LARGEST_DENSITY:g} kg/m^3",
+                "check the mass, its unit, and the scale of the meshes",
+                size=float(abs(np.log(density / bound))),
+            )
+        outside = distance_outside(geometry, inertial.com)
+        if outside > OUTSIDE * geometry.edge:
+            yield Finding(
+                "implausible",
+                "com_outside",
+                *link.where,
+                f"centre of mass ({_listed(inertial.com)}) m is {outside:.3g} m outside the link's shapes",
+                f"inside, near ({_listed(geometry.centre)}) m, the middle of the shapes",
+                "check the unit and the frame of <origin>: it is given in the link's frame, not in that of the base or "
+                "the CAD assembly",
+                size=outside / geometry.edge,
+            )
+        yield from _size(link, inertial, geometry)
 
 
 def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Finding]:
@@ -621,8 +585,8 @@ def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Findin
             "moments_too_large",
             *link.where,
             f"the mass spreads {np.sqrt(variances[worst]):.3g} m about its centre (standard deviation along "
-            f"{_vector(axes[:, worst])}), and the shapes have room for {np.sqrt(bound[worst]):.3g} m; the moments are "
-            f"{solid:.3g} times those of a solid of that shape",
+            f"({_listed(axes[:, worst])})), and the shapes have room for {np.sqrt(bound[worst]):.3g} m; the moments "
+            f"are {solid:.3g} times those of a solid of that shape",
             "no more than with all mass on the surface of the shapes",
             f"check the moments, their unit, and that they refer to the centre of mass; a solid has {1 / solid:.2g} "
             "times these",
@@ -638,11 +602,6 @@ def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Findin
             f"check the moments and their unit; a solid has {1 / solid:.2g} times these",
             size=float(-np.log(solid / MIN_MOMENT_SHARE)),
         )
-
-
-def _vector(values: np.ndarray) -> str:
-    return f"({_listed(values)})"
-
 
 
 # Whether inertials, or masses alone, belong to the neighbouring links.
@@ -847,18 +806,15 @@ def _extents(
         # of a rod the variance is L^2 / 12, of its two ends L^2 / 4
         along = np.cov(points.T, bias=True) / 3
         variance = along + across**2 * np.eye(3)
-        size = float(np.trace(along)) if _carries_a_joint(description, name) else 0.0
+        # whether the link, or what is fixed to it, holds a moving joint
+        parts = {part.name for part, _ in description.rigid_part(name)}
+        carries = any(joint.parent in parts for joint in description.moving)
+        size = float(np.trace(along)) if carries else 0.0
         found[name] = Extent(points.mean(axis=0), variance, False, size)
     for name, geometry in geometries.items():
         size = float(np.trace(geometry.variance))
         found[name] = Extent(geometry.centre, geometry.variance, True, size)
     return found
-
-
-def _carries_a_joint(description: Description, link: str) -> bool:
-    """Whether a link, or what is fixed to it, holds a moving joint."""
-    parts = [part.name for part, _ in description.rigid_part(link)]
-    return any(joint.parent in parts for joint in description.moving)
 
 
 def _frames(description: Description, link: Link) -> np.ndarray:
