@@ -16,7 +16,6 @@ from gapscope.arm.dynamics.description import (
     Description,
     Inertial,
     Joint,
-    Link,
     Mimic,
     Place,
     Shape,
@@ -78,7 +77,24 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
     bases = [x.name for x in description.links if x.name not in description.above]
     _check_tree(description, used, () if joints else bases)
     for joint in used:
-        _check_joint(joint, path)
+        where = f"line {joint.line}, joint {joint.name}"
+        check_size(joint.place.translation, "length", path, where)
+        if joint.kind in SINGLE and not np.linalg.norm(joint.axis) > 0:
+            raise InputError(
+                "its axis has no direction, so that it moves nothing",
+                'correct <axis xyz="...">, or axis of an MJCF file',
+                file=path,
+                where=where,
+            )
+        for name in ("effort", "velocity", "friction"):
+            limit = getattr(joint, name)
+            if limit is not None and limit < 0:
+                raise InputError(
+                    f"its {name} is {limit:g}, expected zero or above",
+                    "correct the attribute, or leave it out",
+                    file=path,
+                    where=where,
+                )
         if joint.name in joints and joint.reference:
             raise InputError(
                 f"ref is {joint.reference:g}, expected 0: positions count from the pose that the file draws",
@@ -113,7 +129,15 @@ def inertial_faults(description: Description) -> dict[str, InputError]:
             if link.inertial is not None:
                 where = f"line {link.inertial.line}, {tag} {link.name}, <inertial>"
                 _check_inertial(link.inertial, description.file, where)
-            elif (bad := _unweighed(description, link)) is not None:
+            elif description.form == "MJCF" and any(
+                joint.kind in SINGLE for joint in description.upwards(link.name)
+            ):
+                # a shape whose mass is not known here
+                bad = next(
+                    (s for s in link.drawn if s.kind in UNWEIGHED or s.named), None
+                )
+                if bad is None:
+                    continue
                 raise InputError(
                     f"has no <inertial>, and its mass cannot be taken from the shape {bad.named or bad.kind}",
                     'give it one; MuJoCo\'s mj_saveLastXML writes it after <compiler saveinertial="true"/>',
@@ -149,27 +173,6 @@ def _check_inertial(inertial: Inertial, path: Path, where: str) -> None:
 def listed(moments: np.ndarray) -> str:
     """Principal moments as text [kg m^2], shape (3,)."""
     return ", ".join(f"{moment:.4g}" for moment in moments)
-
-
-def _check_joint(joint: Joint, path: Path) -> None:
-    where = f"line {joint.line}, joint {joint.name}"
-    check_size(joint.place.translation, "length", path, where)
-    if joint.kind in SINGLE and not np.linalg.norm(joint.axis) > 0:
-        raise InputError(
-            "its axis has no direction, so that it moves nothing",
-            'correct <axis xyz="...">, or axis of an MJCF file',
-            file=path,
-            where=where,
-        )
-    for name in ("effort", "velocity", "friction"):
-        limit = getattr(joint, name)
-        if limit is not None and limit < 0:
-            raise InputError(
-                f"its {name} is {limit:g}, expected zero or above",
-                "correct the attribute, or leave it out",
-                file=path,
-                where=where,
-            )
 
 
 def tree_faults(
@@ -230,14 +233,6 @@ def _by_shape(description: Description) -> set[str]:
     if description.form == "URDF":
         return set()
     return {x.name for x in description.links if x.drawn and x.inertial is None}
-
-
-def _unweighed(description: Description, link: Link) -> Shape | None:
-    """A shape of a moved body of an MJCF file whose mass is not known here, though the body has no inertial."""
-    moved = any(joint.kind in SINGLE for joint in description.upwards(link.name))
-    if description.form == "URDF" or not moved:
-        return None
-    return next((s for s in link.drawn if s.kind in UNWEIGHED or s.named), None)
 
 
 def _weighed(shape: Shape) -> pin.Inertia:

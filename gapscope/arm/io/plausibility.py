@@ -309,24 +309,18 @@ def repeated_rows(
         notes.append(
             f"rows dropped that repeat the time stamp before them: {stamp.sum()}"
         )
-    stale = _stored_twice(values, len(t)) & ~stamp
+    stale = np.zeros(len(t), dtype=bool)
+    if "dq" in values or "tau" in values:
+        same = np.r_[False, np.ones(len(t) - 1, dtype=bool)]
+        for name in ("q", "dq", "tau", "tau_sensor"):
+            if name in values:
+                same[1:] &= (values[name][1:] == values[name][:-1]).all(axis=1)
+        for rows in runs(same):
+            stale[rows] = rows.stop - rows.start <= 3 and rows.stop < len(t)
+    stale &= ~stamp
     if stale.any():
         notes.append(f"{REPEATED}{stale.sum()} ({stale.mean():.2%})")
     return stamp | stale, tuple(notes)
-
-
-def _stored_twice(values: dict[str, np.ndarray], count: int) -> np.ndarray:
-    """Rows that repeat every measured channel of the row before them, in runs of one to three; mask (count,)."""
-    stale = np.zeros(count, dtype=bool)
-    if "dq" not in values and "tau" not in values:
-        return stale
-    same = np.r_[False, np.ones(count - 1, dtype=bool)]
-    for name in ("q", "dq", "tau", "tau_sensor"):
-        if name in values:
-            same[1:] &= (values[name][1:] == values[name][:-1]).all(axis=1)
-    for rows in runs(same):
-        stale[rows] = rows.stop - rows.start <= 3 and rows.stop < count
-    return stale
 
 
 def untrusted_torque(
@@ -448,31 +442,19 @@ def spikes(series: np.ndarray, least: float, *, ends: bool = True) -> np.ndarray
     places = np.arange(len(series))
     cleaned = _bridged(places, series, np.flatnonzero(found))
     for end in (cleaned, cleaned[::-1]) if ends else ():
-        _straighten(end, EDGE_ROUGHNESS * threshold)
+        # the first two samples on the line through those after them, if they are farther off
+        for k in (1, 0):
+            expected = 2 * end[k + 1] - end[k + 2]
+            if abs(end[k] - expected) > EDGE_ROUGHNESS * threshold:
+                end[k] = expected
     # a spike moves the median of its neighbours as well
     found = np.abs(series - cleaned) > threshold
-    found &= _comes_back(series, found)
-    return np.flatnonzero(found) if found.mean() <= MAX_SPIKES else none
-
-
-def _comes_back(series: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Which samples lie farther from those beside them, found ones left out, than these from each other, (N,).
-
-    Beside a leap, as of an encoder that was stuck, they do not.
-    """
-    places = np.arange(len(series))
+    # farther from those beside it than these from each other; beside a leap, as of an encoder that was stuck, it is not
     good = places[~found]
     after = np.clip(np.searchsorted(good, places), 1, len(good) - 1)
     left, right = series[good[after - 1]], series[good[after]]
-    return np.asarray(np.abs(series - 0.5 * (left + right)) > np.abs(right - left))
-
-
-def _straighten(series: np.ndarray, most: float) -> None:
-    """Put the first two samples of a series on the line through those after them if they are farther off."""
-    for k in (1, 0):
-        expected = 2 * series[k + 1] - series[k + 2]
-        if abs(series[k] - expected) > most:
-            series[k] = expected
+    found &= np.abs(series - 0.5 * (left + right)) > np.abs(right - left)
+    return np.flatnonzero(found) if found.mean() <= MAX_SPIKES else none
 
 
 def _bridged(t: np.ndarray, series: np.ndarray, rows: np.ndarray) -> np.ndarray:
