@@ -58,7 +58,6 @@ from gapscope.inspection.columns import (
     channels_of_table,
     columns_by_values,
     guess_time,
-    position_and_velocity,
     sorted_columns,
 )
 
@@ -138,9 +137,7 @@ def inspect_table(
         columns = columns_by_values(part, arm, context)
     else:
         columns = sorted_columns(part, () if arm is None else arm.joints)
-    position, velocity = position_and_velocity(columns, context)
-    rows = np.asarray(part.row_numbers)
-    time = guess_time(columns.singles, rows, position, velocity)
+    time = guess_time(columns, np.asarray(part.row_numbers), context)
     layout = layout_of(part)
     channels = channels_of_table(columns, layout, time, context)
     return InspectedTable(log, part, columns, time, tuple(channels))
