@@ -357,8 +357,11 @@ def _patterns(names: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str
         pattern, label = max(read, key=lambda r: counts[r[0]], default=("", ""))
         if counts[pattern] > 1 or label in joints:
             found.setdefault(pattern, {})[label] = name
+    # columns that are numbered in their order, others in the file's
     return {
-        pattern: dict(sorted(members.items(), key=_by_number))
+        pattern: dict(
+            sorted(members.items(), key=lambda x: int(x[0]) if x[0].isdigit() else 0)
+        )
         for pattern, members in found.items()
     }
 
@@ -380,11 +383,6 @@ def _readings(name: str, joints: Sequence[str]) -> list[tuple[str, str]]:
             start, end = match.span("label")
             found.append((f"{name[:start]}{{joint}}{name[end:]}", match["label"]))
     return found
-
-
-def _by_number(member: tuple[str, str]) -> float:
-    """Order of columns that are numbered; others keep the file's."""
-    return int(member[0]) if member[0].isdigit() else 0
 
 
 def _counted(pattern: str, labels: tuple[str, ...]) -> str:
@@ -534,8 +532,6 @@ TORQUE_ORDER = (
 
 AMPERES = ("current", "commanded current")
 """Those of them that are no torque yet."""
-UNIT_OF = {"temperature": "degC"}
-"""Unit of channels that are no angle, speed or torque."""
 
 
 @dataclass(frozen=True)
@@ -611,7 +607,7 @@ def channels_of_table(
 
     def with_unit(guess: ChannelGuess) -> ChannelGuess:
         """A guess with the unit of its columns."""
-        unit, reason = UNIT_OF.get(guess.channel, "N m"), ""
+        unit, reason = "degC" if guess.channel == "temperature" else "N m", ""
         if guess.unit:
             return guess
         if guess.channel in ("q", "q_ref"):

@@ -272,10 +272,15 @@ class CollisionModel:
             self._shapes.addGeometryObject(
                 pin.GeometryObject("surface", 0, 0, pin.SE3.Identity(), ground)
             )
-        all_pairs = combinations(range(self._shapes.ngeoms), 2)
-        self._set_pairs(
-            [pair for pair in all_pairs if self._can_approach(*pair, bodies)]
-        )
+        # bodies on other joints than the same or neighbouring ones; the surface only bodies that move can reach
+        on = [int(shape.parentJoint) for shape in self._shapes.geometryObjects]
+        above, apart = self._model.parents, []
+        for first, second in combinations(range(len(on)), 2):
+            a, b = on[first], on[second]
+            beside = a == b or above[a] == b or above[b] == a
+            if a > 0 if second >= bodies else not beside:
+                apart.append((first, second))
+        self._set_pairs(apart)
         candidates = self.pairs
         distances = self._sampled()
         overlapping = distances <= 0
@@ -319,15 +324,6 @@ class CollisionModel:
                 self._model, self._data, self._shapes, self._geometry, q
             )
         )
-
-    def _can_approach(self, first: int, second: int, bodies: int) -> bool:
-        """Whether two bodies can come near each other, by the joints that carry them."""
-        shapes, parents = self._shapes.geometryObjects, self._model.parents
-        a, b = int(shapes[first].parentJoint), int(shapes[second].parentJoint)
-        if second >= bodies:  # the surface: only bodies that move can reach it
-            return a > 0
-        neighbours = parents[a] == b or parents[b] == a
-        return a != b and not neighbours
 
     def _keep(self, chosen: np.ndarray) -> None:
         """Leave only some of the present pairs, bool per pair."""
