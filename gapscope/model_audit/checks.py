@@ -345,7 +345,14 @@ def _mirrored(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
     """Left and right links of which one is no mirror image of the other."""
     by_name = {link.name.lower(): (link, own) for link, own in bodies}
     for name, (left, own) in by_name.items():
-        images = (by_name[x] for x in _others(name) if x in by_name)
+        # the name with one part for the left side replaced by that for the right
+        parts = re.split(r"([_\-. ])", name)
+        others = [
+            "".join(right if part == side else part for part in parts)
+            for side, right in SIDES
+            if side in parts
+        ]
+        images = (by_name[x] for x in others if x in by_name)
         right, other = next(images, (left, own))
         if right is not left and (wrong := _wrong_image(own, other)):
             yield Finding(
@@ -357,14 +364,6 @@ def _mirrored(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
                 "mirror the inertial of one side, or take both from CAD",
                 size=0.2,
             )
-
-
-def _others(name: str) -> Iterator[str]:
-    """The name with one part for the left side replaced by that for the right."""
-    parts = re.split(r"([_\-. ])", name)
-    for left, right in SIDES:
-        if left in parts:
-            yield "".join(right if part == left else part for part in parts)
 
 
 def _wrong_image(left: Inertial, right: Inertial) -> str:
