@@ -353,10 +353,36 @@ class Reading:
         Raises:
             InputError: the recording is not longer than the delay of its torque.
         """
-        recording = self._of_columns(self._of_rows(recording))
-        recording = self._of_references(recording)
+        # rows and their stamps
+        if self.once:
+            repeated, notes = repeated_rows(recording.t, recording.channels)
+            if repeated.any():
+                notes = recording.notes + notes
+                recording = recording.part(~repeated, notes=notes)
+        t = even_stamps(recording.t) if self.even else recording.t
+        if self.differs("time_factor"):
+            t = t[0] + (t - t[0]) * self.time_factor
+        changed: dict[str, Any] = {} if t is recording.t else {"t": t}
+        # columns, factors and offsets
+        changed |= self.of_channels(recording.channels)
+        # a velocity that is that of the references: that of the positions takes its place
+        if recording.q_ref is not None and not self.own_velocity:
+            changed["dq"] = None
+        recording = replace(recording, **changed) if changed else recording
+        recording = at_pace(without_lead(recording, self.lead), self.pace)
+        points = set_points(recording) if self.smooth_reference else None
+        recording = recording if points is None else points.smooth(recording)
         recording = advanced(recording, self.torque_delay, self.torque_drift)
-        recording = self._of_law(recording)
+        # kp (q_ref - q) + kd (dq_ref - dq) as the torque of joints whose gains gave it
+        known = (recording.q_ref, recording.dq, recording.tau)
+        at_work = {j: gains for j, gains in enumerate(self.law) if gains is not None}
+        if at_work and all(series is not None for series in known):
+            q_ref, dq_ref = references(recording, "unmeasured_torque")
+            tau, rate = np.array(recording.tau), np.asarray(recording.dq)
+            for j, (kp, kd) in at_work.items():
+                error = (q_ref - recording.q)[:, j]
+                tau[:, j] = kp * error + kd * (dq_ref - rate)[:, j]
+            recording = replace(recording, tau=tau)
         if not self.gravity or recording.tau is None:
             return recording
         # of a torque without gravity, as UR's ``actual_current_as_torque``
@@ -388,53 +414,6 @@ class Reading:
     def of_every_row(self) -> Reading:
         """The same without what leaves rows out: a late torque, and a reference that ended."""
         return replace(self, torque_delay=0.0, torque_drift=0.0, pace=1.0)
-
-    def _of_rows(self, recording: Recording) -> Recording:
-        """Rows and their stamps."""
-        if self.once:
-            repeated, notes = repeated_rows(recording.t, recording.channels)
-            if repeated.any():
-                notes = recording.notes + notes
-                recording = recording.part(~repeated, notes=notes)
-        t = recording.t
-        if self.even:
-            t = even_stamps(t)
-        if self.differs("time_factor"):
-            t = t[0] + (t - t[0]) * self.time_factor
-        return recording if t is recording.t else replace(recording, t=t)
-
-    def _of_columns(self, recording: Recording) -> Recording:
-        """Columns, factors and offsets."""
-        changed: dict[str, Any] = self.of_channels(recording.channels)
-        return replace(recording, **changed) if changed else recording
-
-    def _of_references(self, recording: Recording) -> Recording:
-        """References, and a velocity that is theirs: that of the positions takes its place."""
-        if recording.q_ref is None:
-            return recording
-        if not self.own_velocity:
-            recording = replace(recording, dq=None)
-        recording = at_pace(without_lead(recording, self.lead), self.pace)
-        points = set_points(recording) if self.smooth_reference else None
-        return recording if points is None else points.smooth(recording)
-
-    def _of_law(self, recording: Recording) -> Recording:
-        """kp (q_ref - q) + kd (dq_ref - dq) as the torque of joints whose gains gave it."""
-        at_work = {j: gains for j, gains in enumerate(self.law) if gains is not None}
-        if (
-            not at_work
-            or recording.q_ref is None
-            or recording.dq is None
-            or recording.tau is None
-        ):
-            return recording
-        q_ref, dq_ref = references(recording, "unmeasured_torque")
-        tau = np.array(recording.tau)
-        for j, (kp, kd) in at_work.items():
-            tau[:, j] = (
-                kp * (q_ref - recording.q)[:, j] + kd * (dq_ref - recording.dq)[:, j]
-            )
-        return replace(recording, tau=tau)
 
 
 def _product(one: tuple[float, ...], other: tuple[float, ...]) -> tuple[float, ...]:

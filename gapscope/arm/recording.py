@@ -267,10 +267,9 @@ def held_notes(recording: Recording) -> tuple[str, ...]:
 def _held(t: np.ndarray, q: np.ndarray, series: np.ndarray) -> np.ndarray:
     """Samples of one joint's torque, (N,), that were not measured: clipped, and stuck, (2, N)."""
     clipped, stuck = held = np.zeros((2, len(series)), dtype=bool)
-    edges = np.flatnonzero(np.diff(series)) + 1
-    # most torques never keep a value for three rows
-    starts, stops = np.r_[0, edges], np.r_[edges, len(series)]
+    starts, stops = kept_values(series)
     lengths = stops - starts
+    # most torques never keep a value for three rows
     if min(lengths.max(initial=0), len(lengths)) < 3:
         return held
     extreme = np.isin(series[starts], (series.min(), series.max()))
@@ -291,6 +290,12 @@ def _held(t: np.ndarray, q: np.ndarray, series: np.ndarray) -> np.ndarray:
             # the first of them was measured
             stuck[starts[place] + 1 : stops[place]] = True
     return held
+
+
+def kept_values(series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First row of each value that a series, (N,), keeps, and the row after its last."""
+    edges = np.flatnonzero(np.diff(series)) + 1
+    return np.r_[0, edges], np.r_[edges, len(series)]
 
 
 def _usual(lengths: np.ndarray) -> float:

@@ -24,14 +24,11 @@ from gapscope.arm.dynamics.description import (
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
-    check_references,
     checked,
-    gravity_of,
     inertial_faults,
     left_out,
     lock,
     placeholder,
-    position_gains,
     silent_limits,
 )
 from gapscope.arm.errors import InputError, ModelWarning
@@ -276,8 +273,20 @@ def load_nominal_arm(
     """
     urdf, default_joints = locate(robot, folder or Path())
     tree = read_description(urdf, shapes=False)
-    names = tuple(joints or _default_joints(tree, chain, default_joints))
-    _check_joints(names, tree, source)
+    found = tree.chain(*chain) if chain else default_joints or actuated_joints(tree)
+    names = tuple(joints or found)
+    if not names:
+        raise InputError(
+            "has no joint that moves", "give the URDF of an arm", file=tree.file
+        )
+    missing = [name for name in names if name not in tree.single]
+    if missing:
+        raise InputError(
+            f"{tree.file} has no movable joint {missing[0]!r}; it has {', '.join(tree.single)}",
+            "correct joints:, or give the URDF of the recorded arm",
+            file=source or tree.file,
+            where="field joints",
+        )
     if not (joints or chain or default_joints):
         checked(tree)
     checked(tree, names)
@@ -297,10 +306,8 @@ def load_nominal_arm(
         for key, entry in FROM_FILE.items()
     }
     if tree.form == "MJCF":
-        check_references(tree, names)
-        notes += (*left_out(tree, names), *position_gains(tree, names))
-        down = gravity_of(tree)
-        values |= {} if down is None else {"gravity": down}
+        notes += left_out(tree, names)
+        values |= {} if tree.gravity is None else {"gravity": tree.gravity}
     for note in notes:
         warnings.warn(note, ModelWarning, stacklevel=2)
     values |= given
@@ -345,31 +352,6 @@ def _checked_sheet(
             np.eye(n_joints), found["coupling"], f"{prefix}.coupling"
         )
     return found
-
-
-def _default_joints(
-    tree: Description, chain: Sequence[str] | None, known: Sequence[str] | None
-) -> Sequence[str]:
-    """Joints of an arm of which they are not named: those of the chain, of the known robot, or all."""
-    if chain:
-        return tree.chain(*chain)
-    return known or actuated_joints(tree)
-
-
-def _check_joints(names: Sequence[str], tree: Description, source: Path | None) -> None:
-    """Check that there are joints, and that the file has them."""
-    if not names:
-        raise InputError(
-            "has no joint that moves", "give the URDF of an arm", file=tree.file
-        )
-    for name in names:
-        if name not in tree.single:
-            raise InputError(
-                f"{tree.file} has no movable joint {name!r}; it has {', '.join(tree.single)}",
-                "correct joints:, or give the URDF of the recorded arm",
-                file=source or tree.file,
-                where="field joints",
-            )
 
 
 def _friction_source(

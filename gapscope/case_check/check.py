@@ -20,7 +20,6 @@ from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.io.log import READERS, open_log
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, STILL, Recording, resting
 from gapscope.diagnosis.prepare import Progress, silent, with_torque
 from gapscope.diagnosis.selection.search import could_show
@@ -80,23 +79,43 @@ def check_recordings(case: Case) -> Iterator[Remark]:
     """Number, length, channels, time stamps and copies of the recordings."""
     every = [*case.recordings, *case.judged]
     seconds = sum(recording.duration for recording in case.recordings)
-    said = f"{len(case.recordings)} to fit, {seconds:.0f} s in all; {len(case.judged)} held out"
+    said, remedy = (
+        f"{len(case.recordings)} to fit, {seconds:.0f} s in all; {len(case.judged)} held out",
+        "",
+    )
     if seconds < SHORT_DURATION:
         remedy = "record at least a minute in which all joints move, slowly and fast"
-        yield Remark("warn", "recordings", "", said, remedy)
-    elif len(case.recordings) == 1 and not case.judged:
-        yield Remark(
-            "warn",
-            "recordings",
-            "",
-            f"{said}: parts of the one recording are predicted from the others",
-            "add a recording of another motion, or name one in judge:, so that effects are confirmed on other data",
+    elif len(every) == 1:
+        said += ": parts of the one recording are predicted from the others"
+        remedy = "add a recording of another motion, or name one in judge:, so that effects are confirmed on other data"
+    yield _remark("recordings", "", said, remedy)
+    # channels that some of them have
+    counts = {
+        name: sum(getattr(recording, name) is not None for recording in every)
+        for name in CHANNELS
+    }
+    parts = [
+        name if count == len(every) else f"{name} (in {count} of {len(every)})"
+        for name, count in counts.items()
+        if count
+    ]
+    said, remedy = f"read: t, {', '.join(parts)}", ""
+    with_torque = sum(recording.tau is not None for recording in case.recordings)
+    if not with_torque:
+        said += (
+            "; no torque: it is worked out as what the controller must have commanded"
         )
-    else:
-        yield Remark("ok", "recordings", "", said)
-    yield from _channels(case, every)
+        remedy = "record torque or motor current if you can: noise and wrong gains pass into what is worked out"
+    elif with_torque < len(case.recordings):
+        said += "; recordings without torque are not fitted"
+        remedy = "name their torque columns in import: {tau: ...}"
+    if with_torque or (case.controller is not None and counts["q_ref"]):
+        yield _remark("channels", "", said, remedy)
     for recording in every:
-        yield _rate(recording)
+        slow = f"log at {SLOW_RATE:g} Hz or more: delays, elasticity and ripple are hardly seen below"
+        said = f"{recording.duration:.1f} s at {recording.rate:.4g} Hz"
+        remedy = slow if recording.rate < SLOW_RATE else ""
+        yield _remark("time", recording.name, said, remedy)
         for note in recording.notes:
             yield Remark("warn", "recordings", recording.name, note)
         # joints whose columns are the very same
@@ -107,8 +126,7 @@ def check_recordings(case: Case) -> Iterator[Remark]:
             for first, second in combinations(range(recording.n_joints), 2):
                 same = np.abs(series[:, first] - series[:, second]).max() < SAME
                 if same and np.ptp(series[:, first]) > SAME:
-                    yield Remark(
-                        "warn",
+                    yield _remark(
                         "channels",
                         recording.name,
                         f"{name}{first + 1} and {name}{second + 1} are the same column",
@@ -116,47 +134,20 @@ def check_recordings(case: Case) -> Iterator[Remark]:
                     )
         yield from _velocity(recording)
         yield from _reference(recording)
-    yield from _copies(every)
+    for one, other in combinations(every, 2):
+        count = min(len(one.t), len(other.t))
+        if np.abs(one.q[:count] - other.q[:count]).max() < SAME:
+            yield _remark(
+                "recordings",
+                f"{one.name}, {other.name}",
+                f"hold the same {count} positions",
+                "remove one: effects are confirmed on data that was not fitted, and a copy was",
+            )
 
 
-def _channels(case: Case, every: Sequence[Recording]) -> Iterator[Remark]:
-    present = {
-        name: sum(getattr(recording, name) is not None for recording in every)
-        for name in CHANNELS
-    }
-    parts = [
-        name if count == len(every) else f"{name} (in {count} of {len(every)})"
-        for name, count in present.items()
-        if count
-    ]
-    said = f"read: t, {', '.join(parts)}"
-    with_torque = sum(recording.tau is not None for recording in case.recordings)
-    if with_torque == len(case.recordings):
-        yield Remark("ok", "channels", "", said)
-    elif with_torque:
-        yield Remark(
-            "warn",
-            "channels",
-            "",
-            f"{said}; recordings without torque are not fitted",
-            "name their torque columns in import: {tau: ...}",
-        )
-    elif case.controller is not None and present["q_ref"]:
-        yield Remark(
-            "warn",
-            "channels",
-            "",
-            f"{said}; no torque: it is worked out as what the controller must have commanded",
-            "record torque or motor current if you can: noise and wrong gains pass into what is worked out",
-        )
-
-
-def _rate(recording: Recording) -> Remark:
-    said = f"{recording.duration:.1f} s at {recording.rate:.4g} Hz"
-    if recording.rate >= SLOW_RATE:
-        return Remark("ok", "time", recording.name, said)
-    remedy = f"log at {SLOW_RATE:g} Hz or more: delays, elasticity and ripple are hardly seen below"
-    return Remark("warn", "time", recording.name, said, remedy)
+def _remark(topic: str, place: str, said: str, remedy: str = "") -> Remark:
+    """What is as it should be, or with a remedy a warning."""
+    return Remark("warn" if remedy else "ok", topic, place, said, remedy)
 
 
 def _velocity(recording: Recording) -> Iterator[Remark]:
@@ -200,20 +191,6 @@ def _reference(recording: Recording) -> Iterator[Remark]:
             "the joint's range",
             "check unit and order of import: {q_ref: ...}",
         )
-
-
-def _copies(every: Sequence[Recording]) -> Iterator[Remark]:
-    """Recordings that hold the same data: what is confirmed on a copy is not confirmed."""
-    for first, second in combinations(every, 2):
-        count = min(len(first.t), len(second.t))
-        if np.abs(first.q[:count] - second.q[:count]).max() < SAME:
-            yield Remark(
-                "warn",
-                "recordings",
-                f"{first.name}, {second.name}",
-                f"hold the same {count} positions",
-                "remove one: effects are confirmed on data that was not fitted, and a copy was",
-            )
 
 
 # How the joints move, and what cannot be told from that.
@@ -294,20 +271,6 @@ def _joints_of(mask: np.ndarray) -> str:
     return numbers((np.flatnonzero(mask) + 1).tolist())
 
 
-def _of_bodies(excited: float, silent: Sequence[str]) -> Remark:
-    """Which base parameters of the bodies the motion excites."""
-    said = f"the torque determines {excited:.0%} of the base parameters of the bodies"
-    if silent:
-        rest = len(silent) - MAX_NAMED
-        more = f" and {rest} more" if rest > 0 else ""
-        said += f", not {', '.join(silent[:MAX_NAMED])}{more}"
-    if excited >= FEW_EXCITED:
-        return Remark("ok", "excitation", "", said)
-    remedy = "record an exciting trajectory (gapscope excite)"
-    said = f"{said}: errors of these stay hidden"
-    return Remark("warn", "excitation", "", said, remedy)
-
-
 def _silent(
     columns: ModelColumns, segments: Sequence[Segment]
 ) -> tuple[tuple[str, ...], int]:
@@ -332,13 +295,11 @@ def _silent(
     least = MIN_LOAD * torque.max()
     rows = rows[:, :, base.kept] * scale / np.maximum(torque, least)[:, None]
     scaled = rows.reshape(-1, len(base.kept))
-    norms = np.linalg.norm(scaled, axis=0)
-    full = norms > 1e-12 * norms.max()
-    unit = np.where(full, scaled / np.where(full, norms, 1.0), 0.0)
-    values, vectors = np.linalg.eigh(unit.T @ unit)
-    inverse = (vectors**2 / np.maximum(values, 1e-14)) @ np.ones(len(values))
-    own = np.where(full, norms, 1e-12) / np.sqrt(inverse)
-    deviation = LEFT_OVER / own / np.sqrt(INDEPENDENT)
+    normal = scaled.T @ scaled
+    # so that what is not excited at all has a large deviation
+    normal += 1e-12 * np.trace(normal) * np.eye(len(normal))
+    variance = np.diag(np.linalg.inv(normal)) / INDEPENDENT
+    deviation = LEFT_OVER * np.sqrt(variance)
     names = [base.names[k] for k in base.kept]
     silent = tuple(
         name for name, std in zip(names, deviation, strict=True) if std > KNOWN
@@ -368,53 +329,53 @@ def _reversals(segments: Sequence[Segment], per_radian: np.ndarray) -> np.ndarra
 
 def check_nominal(case: Case, body: RigidBody) -> Iterator[Remark]:
     """Friction and where it comes from, rotors, limits, gravity, and what is odd about the model."""
-    arm = case.arm
-    yield Remark(
-        "ok", "data sheet", "", f"joints in this order: {', '.join(arm.joints)}"
+    arm, sheet = case.arm, "data sheet"
+    yield _remark(sheet, "", f"joints in this order: {', '.join(arm.joints)}")
+    give = "give nominal: {coulomb: [...], viscous: [...]}"
+    coulomb, viscous = (
+        ", ".join(f"{value:.3g}" for value in values)
+        for values in (arm.coulomb, arm.viscous)
     )
-    yield _friction(arm)
-    # rotors and torque limits that are not stated
+    said, remedy = (
+        f"coulomb {coulomb} N m, viscous {viscous} N m s/rad, from {arm.friction_source}",
+        "",
+    )
+    alike = np.ptp(arm.coulomb) == 0 and np.ptp(arm.viscous) == 0
+    if not arm.friction_source:
+        said = "no friction is stated: all of it will be found as an effect"
+        remedy = f"{give}, or identify the arm (gapscope identify)"
+    elif alike and "data sheet" not in arm.friction_source:
+        said += ": the same on all joints"
+        remedy = f"a placeholder, as it seems: {give}"
+    yield _remark(sheet, "", said, remedy)
     if not arm.armature.any():
-        yield Remark(
-            "warn",
-            "data sheet",
-            "",
-            "no rotor inertia is stated: it will be found as an effect",
-            "give nominal: {armature: [...]}: inertia of the rotor times the gear ratio squared [kg m^2]",
-        )
+        said = "no rotor inertia is stated: it will be found as an effect"
+        remedy = "give nominal: {armature: [...]}: inertia of the rotor times the gear ratio squared [kg m^2]"
+        yield _remark(sheet, "", said, remedy)
     if arm.torque_limit is None and not body.effort_limits().any():
-        yield Remark(
-            "warn",
-            "data sheet",
-            "",
-            "no torque limits: saturation can only be inferred from torque",
-            "give nominal: {torque_limit: [...]}",
-        )
+        said = "no torque limits: saturation can only be inferred from torque"
+        yield _remark(sheet, "", said, "give nominal: {torque_limit: [...]}")
     # what the audit says of the robot file, in one line
-    odd = odd_kinds(case.arm.urdf)
-    if odd:
-        yield Remark("warn", "model", "", odd, f"gapscope audit {case.arm.urdf}")
-    else:
-        yield Remark("ok", "model", "", "nothing implausible in the robot file")
+    odd = odd_kinds(arm.urdf)
+    said = odd or "nothing implausible in the robot file"
+    yield _remark("model", "", said, f"gapscope audit {arm.urdf}" if odd else "")
 
 
 def check_controller(case: Case) -> Iterator[Remark]:
     """Whether the closed loop can be simulated."""
     every = [*case.recordings, *case.judged]
     referred = sum(recording.q_ref is not None for recording in every)
-    level, said, remedy = (
-        "warn",
-        "no controller: there is no replay gap",
-        "give controller: if you know it; the torque gap does not need it",
-    )
+    said = "no controller: there is no replay gap"
+    remedy = "give controller: if you know it; the torque gap does not need it"
     if case.controller is not None:
-        known = f"{case.controller.kind} at {case.controller.rate:g} Hz"
-        said = f"{known}, but no recording has its reference"
-        remedy = "record q_ref1.., or name the columns in import: {q_ref: ...}"
+        said = f"{case.controller.kind} at {case.controller.rate:g} Hz"
         if referred:
-            level, remedy = "ok", ""
-            said = f"{known}; reference in {referred} of {len(every)} recordings"
-    yield Remark(level, "controller", "", said, remedy)
+            said += f"; reference in {referred} of {len(every)} recordings"
+            remedy = ""
+        else:
+            said += ", but no recording has its reference"
+            remedy = "record q_ref1.., or name the columns in import: {q_ref: ...}"
+    yield _remark("controller", "", said, remedy)
 
 
 def check_ranges(case: Case, body: RigidBody) -> Iterator[Remark]:
@@ -424,38 +385,12 @@ def check_ranges(case: Case, body: RigidBody) -> Iterator[Remark]:
     lowest = np.min([recording.q.min(axis=0) for recording in every], axis=0)
     highest = np.max([recording.q.max(axis=0) for recording in every], axis=0)
     outside = (lowest < lower - 0.1) | (highest > upper + 0.1)
-    if not outside.any():
-        yield Remark("ok", "positions", "", "within the limits of the model")
-        return
-    yield Remark(
-        "warn",
-        "positions",
-        _joints_of(outside),
-        "beyond the limits of the model",
-        "check unit, zero and order of the joints in import:",
-    )
-
-
-def _friction(arm: NominalArm) -> Remark:
-    """Nominal friction and where it comes from."""
-    give = "give nominal: {coulomb: [...], viscous: [...]}"
-    if not arm.friction_source:
-        said = "no friction is stated: all of it will be found as an effect"
-        remedy = f"{give}, or identify the arm (gapscope identify)"
-        return Remark("warn", "data sheet", "", said, remedy)
-    said = (
-        f"coulomb {_listed(arm.coulomb)} N m, viscous {_listed(arm.viscous)} "
-        f"N m s/rad, from {arm.friction_source}"
-    )
-    measured = "data sheet" in arm.friction_source
-    if measured or np.ptp(arm.coulomb) > 0 or np.ptp(arm.viscous) > 0:
-        return Remark("ok", "data sheet", "", said)
-    said = f"{said}: the same on all joints"
-    return Remark("warn", "data sheet", "", said, f"a placeholder, as it seems: {give}")
-
-
-def _listed(values: np.ndarray) -> str:
-    return ", ".join(f"{value:.3g}" for value in values)
+    if outside.any():
+        remedy = "check unit, zero and order of the joints in import:"
+        said, where = "beyond the limits of the model", _joints_of(outside)
+        yield _remark("positions", where, said, remedy)
+    else:
+        yield _remark("positions", "", "within the limits of the model")
 
 
 # Samples at the torque's limit.
@@ -523,22 +458,8 @@ def check_case(path: Path, progress: Progress = silent) -> dict[str, Any]:
             expected = _could_show(case, look.faults, remarks)
         except GapscopeError as error:
             remarks.append(_as_remark(error, "torque"))
-    content = {
-        "schema": 1,
-        "case": None if case is None else case.name,
-        "can_be_diagnosed": all(remark.level != "error" for remark in remarks),
-        "remarks": [asdict(remark) for remark in remarks],
-        "recordings": [] if case is None else _listed_recordings(case),
-        "joints": [] if case is None else _listed_joints(case, motions),
-        "excited": excited,
-        "expected": expected,
-    }
-    result: dict[str, Any] = plain(content, null_if_not_finite=True)
-    return result
-
-
-def _listed_recordings(case: Case) -> list[dict[str, Any]]:
-    return [
+    groups = () if case is None else ((False, case.recordings), (True, case.judged))
+    recordings = [
         {
             "name": recording.name,
             "duration": recording.duration,
@@ -547,17 +468,26 @@ def _listed_recordings(case: Case) -> list[dict[str, Any]]:
             "channels": [x for x in CHANNELS if getattr(recording, x) is not None],
             "held_out": held_out,
         }
-        for group, held_out in ((case.recordings, False), (case.judged, True))
+        for held_out, group in groups
         for recording in group
     ]
-
-
-def _listed_joints(case: Case, motions: Motions) -> list[dict[str, Any]]:
-    """How each joint moves; only the names if that is not known."""
-    return [
+    # how each joint moves; only the names if that is not known
+    joints = [
         {"name": joint, **{name: values[j] for name, values in motions.items()}}
-        for j, joint in enumerate(case.arm.joints)
+        for j, joint in enumerate(case.arm.joints if case else ())
     ]
+    content = {
+        "schema": 1,
+        "case": None if case is None else case.name,
+        "can_be_diagnosed": all(remark.level != "error" for remark in remarks),
+        "remarks": [asdict(remark) for remark in remarks],
+        "recordings": recordings,
+        "joints": joints,
+        "excited": excited,
+        "expected": expected,
+    }
+    result: dict[str, Any] = plain(content, null_if_not_finite=True)
+    return result
 
 
 def _could_show(
@@ -646,7 +576,16 @@ def _of_signals(
     remarks += _limits(case, body)
     still = resting(case.recordings, arm.per_radian)
     remarks += check_motion(motions, still, speeds)
-    remarks.append(_of_bodies(excited, silent))
+    said = f"the torque determines {excited:.0%} of the base parameters of the bodies"
+    if silent:
+        rest = len(silent) - MAX_NAMED
+        more = f" and {rest} more" if rest > 0 else ""
+        said += f", not {', '.join(silent[:MAX_NAMED])}{more}"
+    remedy = ""
+    if excited < FEW_EXCITED:
+        said += ": errors of these stay hidden"
+        remedy = "record an exciting trajectory (gapscope excite)"
+    remarks.append(_remark("excitation", "", said, remedy))
     remarks += check_nominal(case, body)
     remarks += check_controller(case)
     return motions, excited

@@ -357,8 +357,11 @@ def _patterns(names: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str
         pattern, label = max(read, key=lambda r: counts[r[0]], default=("", ""))
         if counts[pattern] > 1 or label in joints:
             found.setdefault(pattern, {})[label] = name
+    # columns that are numbered in their order, others in the file's
     return {
-        pattern: dict(sorted(members.items(), key=_by_number))
+        pattern: dict(
+            sorted(members.items(), key=lambda x: int(x[0]) if x[0].isdigit() else 0)
+        )
         for pattern, members in found.items()
     }
 
@@ -380,11 +383,6 @@ def _readings(name: str, joints: Sequence[str]) -> list[tuple[str, str]]:
             start, end = match.span("label")
             found.append((f"{name[:start]}{{joint}}{name[end:]}", match["label"]))
     return found
-
-
-def _by_number(member: tuple[str, str]) -> float:
-    """Order of columns that are numbered; others keep the file's."""
-    return int(member[0]) if member[0].isdigit() else 0
 
 
 def _counted(pattern: str, labels: tuple[str, ...]) -> str:
@@ -432,7 +430,6 @@ class TimeGuess:
         rate: median rate [Hz], of the stamps or, if they tell none, as guessed.
         seconds: (N,), from 0.
         why: what the guess rests on.
-        start: time of the first row on the clock of the log [s].
         certain: whether the log itself tells the rate.
     """
 
@@ -441,36 +438,67 @@ class TimeGuess:
     rate: float
     seconds: np.ndarray
     why: str
-    start: float = 0.0
     certain: bool = True
 
 
-def guess_time(
-    singles: Mapping[str, np.ndarray],
-    rows: np.ndarray,
-    position: np.ndarray | None,
-    velocity: np.ndarray | None,
-) -> TimeGuess:
-    """Time of a table with N rows.
+def guess_time(columns: TableColumns, rows: np.ndarray, context: str) -> TimeGuess:
+    """Time of a table.
 
     Args:
-        singles: columns of numbers that belong to no joint, (N,) each.
+        columns: of the table; the ratio of what is taken for measured velocities and positions, in any unit, tells the
+            rate if the column of time counts samples or there is none.
         rows: their numbers in the file, (N,).
-        position, velocity: what is taken for q and dq, (N, n), in any unit; their ratio tells the rate if the
-            column counts samples or there is none.
+        context: name of file and topic.
     """
+    singles = columns.singles
     named = [name for name in singles if meaning_of(name).quantity == "time"]
     rising = [name for name in singles if runs_forward(singles[name])]
+    counted = None
     for name in [*(n for n in named if n in rising), *named, *rising]:
         stamps = singles[name]
         if not np.isfinite(stamps).all():
             continue
         if counts_rows(stamps):
-            return _by_rows(name, rows, position, velocity)
-        guess = _stamped(name, stamps)
-        if guess is not None:
-            return guess
-    return _by_rows(None, rows, position, velocity)
+            counted = name
+            break
+        step = np.diff(stamps)
+        if not (step > 0).any():
+            continue
+        # the unit in which stamps make a rate that robots are logged at; seconds first, but for what the name says
+        median = float(np.median(step[step > 0]))
+        likely = unit_of_stamps(1.0 / median, float(stamps[-1] - stamps[0]))
+        for said in TIME_UNITS:
+            fits = unit_of_stamps(1.0 / (median * UNITS[said]), np.inf) == "s"
+            likely = said if name.lower().endswith(f"_{said}") and fits else likely
+        # of what is called a time, but too slow in any unit, the reader says so
+        unit = likely or ("s" if name in named else "")
+        if unit:
+            rate = 1.0 / (median * UNITS[unit])
+            seconds = (stamps - stamps[0]) * UNITS[unit]
+            why = f"its steps in {unit} make {rate:.4g} Hz"
+            return TimeGuess(name, unit, rate, seconds, why)
+    # by the number of the row, with the rate at which the velocity is the derivative of the position
+    motion: dict[str, np.ndarray] = {}
+    for group in columns.groups:
+        meaning = group.meaning(context)
+        if not meaning.reference:
+            motion.setdefault(meaning.quantity, group.values)
+    what = "the column counts rows" if counted else "there is no column of time"
+    rate, found = FALLBACK_RATE, None
+    why = f"{what}, and nothing in the log tells the rate: look it up"
+    if "position" in motion and "velocity" in motion:
+        # per row in place of per second, the ratio is the rate
+        found = derivative_ratio(rows, motion["position"], motion["velocity"])
+    certain = found is not None and found > 0
+    if found is not None and certain:
+        rate = float(f"{found:.4g}")
+        nearest = min(USUAL_RATES, key=lambda usual: abs(np.log(usual / rate)))
+        if abs(nearest / found - 1) < 0.03:
+            rate = float(nearest)
+        why = (
+            f"{what}; the velocity is the derivative of the position at {found:.4g} Hz"
+        )
+    return TimeGuess(counted, "", rate, (rows - rows[:1]) / rate, why, certain)
 
 
 def runs_forward(stamps: np.ndarray) -> bool:
@@ -489,52 +517,6 @@ def counts_rows(stamps: np.ndarray) -> bool:
     )
 
 
-def _stamped(name: str, stamps: np.ndarray) -> TimeGuess | None:
-    """The unit in which stamps make a rate that robots are logged at; seconds first, but for what the name says."""
-    step = np.diff(stamps)
-    if not (step > 0).any():
-        return None
-    median = float(np.median(step[step > 0]))
-    likely = unit_of_stamps(1.0 / median, float(stamps[-1] - stamps[0]))
-    said = [unit for unit in TIME_UNITS if name.lower().endswith(f"_{unit}")]
-    if said and unit_of_stamps(1.0 / (median * UNITS[said[0]]), np.inf) == "s":
-        likely = said[0]
-    # of what is called a time, but too slow in any unit, the reader says so
-    unit = likely or ("s" if meaning_of(name).quantity == "time" else "")
-    if not unit:
-        return None
-    factor = UNITS[unit]
-    rate = 1.0 / (median * factor)
-    seconds = (stamps - stamps[0]) * factor
-    why = f"its steps in {unit} make {rate:.4g} Hz"
-    return TimeGuess(name, unit, rate, seconds, why, float(stamps[0]) * factor)
-
-
-def _by_rows(
-    column: str | None,
-    rows: np.ndarray,
-    position: np.ndarray | None,
-    velocity: np.ndarray | None,
-) -> TimeGuess:
-    """Time from the number of the row, with the rate at which the velocity is the derivative of the position."""
-    what = "the column counts rows" if column else "there is no column of time"
-    rate, certain = FALLBACK_RATE, False
-    why = f"{what}, and nothing in the log tells the rate: look it up"
-    if position is not None and velocity is not None:
-        # per row in place of per second, the ratio is the rate
-        found = derivative_ratio(rows, position, velocity)
-        if found is not None and found > 0:
-            rate, certain = _usual(found), True
-            why = f"{what}; the velocity is the derivative of the position at {found:.4g} Hz"
-    seconds = (rows - rows[:1]) / rate
-    return TimeGuess(column, "", rate, seconds, why, certain=certain)
-
-
-def _usual(rate: float) -> float:
-    nearest = min(USUAL_RATES, key=lambda usual: abs(np.log(usual / rate)))
-    return float(nearest) if abs(nearest / rate - 1) < 0.03 else float(f"{rate:.4g}")
-
-
 # Which columns are which channel of a recording.
 
 
@@ -550,8 +532,6 @@ TORQUE_ORDER = (
 
 AMPERES = ("current", "commanded current")
 """Those of them that are no torque yet."""
-UNIT_OF = {"temperature": "degC"}
-"""Unit of channels that are no angle, speed or torque."""
 
 
 @dataclass(frozen=True)
@@ -582,18 +562,6 @@ class ChannelGuess:
             silent = self.group.seen or not self.role
             said = (self.why if silent else self.role, *self.facts)
         return "; ".join(filter(None, said))
-
-
-def position_and_velocity(
-    columns: TableColumns, context: str
-) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Values taken for measured positions and velocities, in any unit, for a guess of the rate."""
-    found: dict[str, np.ndarray] = {}
-    for group in columns.groups:
-        meaning = group.meaning(context)
-        if meaning.quantity in ("position", "velocity") and not meaning.reference:
-            found.setdefault(meaning.quantity, group.values)
-    return found.get("position"), found.get("velocity")
 
 
 def channels_of_table(
@@ -639,7 +607,7 @@ def channels_of_table(
 
     def with_unit(guess: ChannelGuess) -> ChannelGuess:
         """A guess with the unit of its columns."""
-        unit, reason = UNIT_OF.get(guess.channel, "N m"), ""
+        unit, reason = "degC" if guess.channel == "temperature" else "N m", ""
         if guess.unit:
             return guess
         if guess.channel in ("q", "q_ref"):

@@ -58,7 +58,6 @@ from gapscope.inspection.columns import (
     channels_of_table,
     columns_by_values,
     guess_time,
-    position_and_velocity,
     sorted_columns,
 )
 
@@ -138,9 +137,7 @@ def inspect_table(
         columns = columns_by_values(part, arm, context)
     else:
         columns = sorted_columns(part, () if arm is None else arm.joints)
-    position, velocity = position_and_velocity(columns, context)
-    rows = np.asarray(part.row_numbers)
-    time = guess_time(columns.singles, rows, position, velocity)
+    time = guess_time(columns, np.asarray(part.row_numbers), context)
     layout = layout_of(part)
     channels = channels_of_table(columns, layout, time, context)
     return InspectedTable(log, part, columns, time, tuple(channels))
@@ -425,8 +422,8 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
         kinds.setdefault(table.shape, []).append(table)
     with_positions = [kind for kind in kinds.values() if kind[0].best("q") is not None]
     if not with_positions:
-        channels = {guess.channel for table in tables for guess in table.channels}
-        found = ", ".join(sorted(channels)) or "no channel"
+        known = {guess.channel for table in tables for guess in table.channels}
+        found = ", ".join(sorted(known)) or "no channel"
         raise InputError(
             f"no column identifies joint positions, by its name or its values; found {found}",
             "give --robot, whose joints' names columns may carry and whose limits and gravity tell columns without "
@@ -450,7 +447,14 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
         for number in range(len(main))
     ]
     # what each torque column can be by the log alone
-    entries[0] = {label: _with_facts(table) for label, table in entries[0].items()}
+    for label, table in entries[0].items():
+        channels = [
+            replace(guess, facts=tuple(torque_facts(table, guess)))
+            if guess.channel in TORQUES
+            else guess
+            for guess in table.channels
+        ]
+        entries[0][label] = replace(table, channels=tuple(channels))
     notes = [*_notes(logs, tables), *notes]
     result = Inspection(tuple(logs), tuple(tables), tuple(entries))
     if arm is not None:
@@ -458,17 +462,6 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
         arm = _arm_of_columns(arm, group)
         notes += _other_columns(main[0], group, arm)
     return replace(result, notes=tuple(notes), arm=arm)
-
-
-def _with_facts(table: InspectedTable) -> InspectedTable:
-    """The table with what each torque column can be by the log alone."""
-    channels = [
-        replace(guess, facts=tuple(torque_facts(table, guess)))
-        if guess.channel in TORQUES
-        else guess
-        for guess in table.channels
-    ]
-    return replace(table, channels=tuple(channels))
 
 
 def _times(
@@ -816,7 +809,16 @@ def judge_torques(found: Inspection) -> Inspection:
     Of several torques without names, the one that fits the arm best is chosen. Without an arm the stamps alone tell.
     """
     if found.arm is None:
-        return replace(found, misread=tuple(_of_stamps(found)))
+        # what is wrong with the time stamps, as a diagnosis finds it; what stands still or jumps back is said elsewhere
+        seen = []
+        for entry in found.entries:
+            table = entry[found.chosen["q"][0]]
+            guess = table.best("q")
+            recording = None if guess is None else _as_recorded(table, [guess])
+            if recording is not None:
+                faults = find_stamps([recording])
+                seen += [fault_remark(fault, recording.n_joints) for fault in faults]
+        return replace(found, misread=tuple(seen))
     looked = {
         (label, guess.group.pattern): set_up
         for label, table in found.sources.items()
@@ -856,18 +858,6 @@ def judge_torques(found: Inspection) -> Inspection:
     remarks = () if chosen is None else chosen.remarks()
     misread = tuple(remark for remark in remarks if remark.level != "ok")
     return replace(found, misread=misread)
-
-
-def _of_stamps(found: Inspection) -> Iterator[Remark]:
-    """What is wrong with the time stamps of logs, as a diagnosis finds it."""
-    for entry in found.entries:
-        table = entry[found.chosen["q"][0]]
-        guess = table.best("q")
-        # what stands still, jumps back or is no number is said of the columns
-        recording = None if guess is None else _as_recorded(table, [guess])
-        if recording is not None:
-            for fault in find_stamps([recording]):
-                yield fault_remark(fault, recording.n_joints)
 
 
 def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:

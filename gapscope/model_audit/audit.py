@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -249,48 +250,31 @@ def _explanations(
         joints = ", ".join(str(j + 1) for j in np.flatnonzero(opposite))
         name = f"torque of the opposite sign on joint {joints}"
         found.append(explained(name, torque - signs * by_model))
-    for word, shifted in _shifted_gravity(arm, q):
-        name = f"each link with the inertial of the {word} one"
-        found.append(explained(name, torque - shifted + shifted.mean(axis=0)))
-    found += _wrong_links(arm, q, torque - by_model, size)
+    # inertials of the next and of the previous link, if they make an arm
+    for by, word in ((1, "next"), (-1, "previous")):
+        with suppress(GapscopeError):
+            # the file's inertials go back to where they belong
+            other = shifted_body(arm, -by)
+            if other is not None:
+                shifted = _pose_gravity(other, q)
+                name = f"each link with the inertial of the {word} one"
+                found.append(explained(name, torque - shifted + shifted.mean(axis=0)))
+    # mass and first moments of one link fitted to the error of the model
+    error = (torque - by_model).ravel()
+    regressor = RigidBody(arm).regressor(q, np.zeros_like(q), np.zeros_like(q))
+    regressor -= regressor.mean(axis=0)
+    for j, joint in enumerate(arm.joints):
+        columns = regressor[:, :, 10 * j : 10 * j + FIRST_MOMENTS]
+        columns = columns.reshape(-1, FIRST_MOMENTS)
+        changes = np.linalg.lstsq(columns, error, rcond=1e-6)[0]
+        name = f"another mass or centre of the link moved by joint {j + 1} ({joint})"
+        one = explained(name, error - columns @ changes, FIRST_MOMENTS)
+        found.append(replace(one, changes=tuple(changes.tolist())))
 
     def criterion(one: Explanation) -> float:
         return count * 2 * np.log(max(one.misfit, 1e-6)) + 2 * one.parameters
 
     return tuple(sorted(found, key=criterion))
-
-
-def _shifted_gravity(
-    arm: NominalArm, q: np.ndarray
-) -> Iterator[tuple[str, np.ndarray]]:
-    """Gravity torque with the inertials of the next and of the previous link, if they make an arm."""
-    for by, word in ((1, "next"), (-1, "previous")):
-        try:
-            # the file's inertials go back to where they belong
-            other = shifted_body(arm, -by)
-        except GapscopeError:
-            continue  # moved this way, the inertials leave no arm
-        if other is not None:
-            yield word, _pose_gravity(other, q)
-
-
-def _wrong_links(
-    arm: NominalArm, q: np.ndarray, error: np.ndarray, size: float
-) -> Iterator[Explanation]:
-    """Mass and first moments of one link fitted to the error of the model, for each link."""
-    still = np.zeros_like(q)
-    regressor = RigidBody(arm).regressor(q, still, still)
-    for j, joint in enumerate(arm.joints):
-        columns = regressor[:, :, 10 * j : 10 * j + FIRST_MOMENTS]
-        columns = (columns - columns.mean(axis=0)).reshape(-1, FIRST_MOMENTS)
-        changes = np.linalg.lstsq(columns, error.ravel(), rcond=1e-6)[0]
-        left = error.ravel() - columns @ changes
-        yield Explanation(
-            f"another mass or centre of the link moved by joint {j + 1} ({joint})",
-            float(rms(left, axis=None)) / size,
-            FIRST_MOMENTS,
-            tuple(changes.tolist()),
-        )
 
 
 # All checks of a model file.
@@ -402,7 +386,7 @@ def _weighed(finding: Finding, description: Description) -> Finding:
     """A finding about a link that no joint moves, or that is very light, is a note: it hardly changes any torque."""
     tag, _, name = finding.place.partition(" ")
     names = {link.name for link in description.links}
-    if tag != "link" or name not in names or finding.kind in ("loop", "no_mass"):
+    if tag != "link" or name not in names or finding.kind == "no_mass":
         return finding
     inertial = description.by_name[name].inertial
     least = LIGHT_SHARE * total_mass(description)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from gapscope.arm.dynamics.description import Description, Inertial, Joint, Link
+from gapscope.arm.dynamics.robot_file import tree_faults
 from gapscope.model_audit.description import Finding, Geometry, distance_outside
 
 # All thresholds of the audit, each with its meaning, its unit in brackets and where it comes from in parentheses.
@@ -95,12 +96,15 @@ def check_products(
     """Links that lie askew in their frames, and whose products of inertia have the opposite sign of their shapes'."""
     cosines = {}
     for link in description.links:
-        if link.inertial is None or not link.inertial.is_body:
+        inertial, geometry = link.inertial, geometries.get(link.name)
+        if inertial is None or not inertial.is_body or geometry is None:
             continue
-        if (geometry := geometries.get(link.name)) is not None:
-            cosine = _cosine(link.inertial, geometry)
-            if cosine is not None:
-                cosines[link.name] = cosine
+        spreads = (inertial.variance, geometry.variance)
+        own, shape = (spread[ABOVE] for spread in spreads)
+        sizes = np.array([np.linalg.norm(own), np.linalg.norm(shape)])
+        # one that hardly lies askew tells no sign
+        if (sizes >= SKEW * np.trace(spreads, axis1=1, axis2=2)).all():
+            cosines[link.name] = float(own @ shape / sizes.prod())
     opposite = [name for name, cosine in cosines.items() if cosine < OPPOSITE_PRODUCTS]
     if len(opposite) < max(OPPOSITE_LINKS, OPPOSITE_SHARE * len(cosines)):
         return
@@ -116,17 +120,6 @@ def check_products(
         "notation)",
         size=1.0,
     )
-
-
-def _cosine(inertial: Inertial, geometry: Geometry) -> float | None:
-    """Cosine between the products of a body and of its shape; ``None`` if one of them hardly has any."""
-    body, shape = inertial.variance, geometry.variance
-    own, expected = body[ABOVE], shape[ABOVE]
-    sizes = np.linalg.norm(own), np.linalg.norm(expected)
-    if sizes[0] < SKEW * np.trace(body) or sizes[1] < SKEW * np.trace(shape):
-        return None
-    return float(own @ expected / sizes[0] / sizes[1])
-
 
 
 # Inertials that no body has, whatever its shape.
@@ -150,9 +143,51 @@ def check_inertials(
         inertial = link.inertial
         if inertial is None:
             continue
-        found = list(_check_body(link, inertial))
-        yield from found
-        if not found and inertial.is_body and link.name not in with_shape:
+        mass, moments = inertial.mass, np.linalg.eigvalsh(inertial.moments)
+        said = f"principal moments {_listed(moments)} kg m^2"
+        if mass == 0 and not moments.any():
+            continue  # a frame: the same as no inertial
+        if mass <= 0:
+            yield Finding(
+                "impossible",
+                "mass",
+                *link.where,
+                f"mass {mass:g} kg with moments {_listed(moments)} kg m^2",
+                "a mass above zero",
+                "give the mass of the data sheet or the drawing",
+                size=1e3,
+            )
+        elif not moments.any():
+            yield Finding(
+                "implausible" if mass > POINT_MASS else "note",
+                "no_moments",
+                *link.where,
+                f"{mass:g} kg without moments of inertia",
+                "the moments of the link's shape",
+                "give them; a simulator may refuse a body of zero inertia, or make up its own",
+                size=mass,
+            )
+        elif moments[0] <= 0:
+            yield Finding(
+                "impossible",
+                "inertia_not_positive",
+                *link.where,
+                said,
+                "all above zero",
+                "check the signs of ixx, iyy, izz and the size of ixy, ixz, iyz; they refer to the centre of mass",
+                size=100.0,
+            )
+        elif (excess := moments[2] / (moments[0] + moments[1])) > 1 + TRIANGLE_EXCESS:
+            yield Finding(
+                "impossible",
+                "triangle_inequality",
+                *link.where,
+                f"{said}: the largest is {excess:.3g} times the sum of the others",
+                "no moment above the sum of the other two",
+                slipped_digit(inertial) or "take the moments from the CAD model again",
+                size=float((mass + 1) * (excess - 1)),
+            )
+        elif inertial.is_body and link.name not in with_shape:
             yield from _check_box(link, inertial)
     yield from _massless(description)
 
@@ -166,62 +201,6 @@ def box_density(inertial: Inertial) -> float:
     edges = np.sqrt(12 * variances)
     edges = np.maximum(edges, MIN_EDGE_SHARE * edges.max())
     return float(inertial.mass / edges.prod())
-
-
-def _check_body(link: Link, inertial: Inertial) -> Iterator[Finding]:
-    moments = np.linalg.eigvalsh(inertial.moments)
-    if inertial.mass <= 0 and not moments.any() and inertial.mass == 0:
-        return  # a frame: the same as no inertial
-    if inertial.mass <= 0:
-        yield Finding(
-            "impossible",
-            "mass",
-            *link.where,
-            f"mass {inertial.mass:g} kg with moments {_listed(moments)} kg m^2",
-            "a mass above zero",
-            "give the mass of the data sheet or the drawing",
-            size=1e3,
-        )
-    elif moments.any():
-        yield from _check_moments(link, inertial, moments)
-    else:
-        yield Finding(
-            "implausible" if inertial.mass > POINT_MASS else "note",
-            "no_moments",
-            *link.where,
-            f"{inertial.mass:g} kg without moments of inertia",
-            "the moments of the link's shape",
-            "give them; a simulator may refuse a body of zero inertia, or make up its own",
-            size=inertial.mass,
-        )
-
-
-def _check_moments(
-    link: Link, inertial: Inertial, moments: np.ndarray
-) -> Iterator[Finding]:
-    """Principal moments [kg m^2], (3,), in rising order: above zero, and none above the sum of the others."""
-    if moments[0] <= 0:
-        yield Finding(
-            "impossible",
-            "inertia_not_positive",
-            *link.where,
-            f"principal moments {_listed(moments)} kg m^2",
-            "all above zero",
-            "check the signs of ixx, iyy, izz and the size of ixy, ixz, iyz; they refer to the centre of mass",
-            size=100.0,
-        )
-        return
-    excess = moments[2] / (moments[0] + moments[1])
-    if excess > 1 + TRIANGLE_EXCESS:
-        yield Finding(
-            "impossible",
-            "triangle_inequality",
-            *link.where,
-            f"principal moments {_listed(moments)} kg m^2: the largest is {excess:.3g} times the sum of the others",
-            "no moment above the sum of the other two",
-            slipped_digit(inertial) or "take the moments from the CAD model again",
-            size=float(inertial.mass * (excess - 1) + (excess - 1)),
-        )
 
 
 def _check_box(link: Link, inertial: Inertial) -> Iterator[Finding]:
@@ -366,7 +345,14 @@ def _mirrored(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
     """Left and right links of which one is no mirror image of the other."""
     by_name = {link.name.lower(): (link, own) for link, own in bodies}
     for name, (left, own) in by_name.items():
-        images = (by_name[x] for x in _others(name) if x in by_name)
+        # the name with one part for the left side replaced by that for the right
+        parts = re.split(r"([_\-. ])", name)
+        others = [
+            "".join(right if part == side else part for part in parts)
+            for side, right in SIDES
+            if side in parts
+        ]
+        images = (by_name[x] for x in others if x in by_name)
         right, other = next(images, (left, own))
         if right is not left and (wrong := _wrong_image(own, other)):
             yield Finding(
@@ -378,14 +364,6 @@ def _mirrored(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
                 "mirror the inertial of one side, or take both from CAD",
                 size=0.2,
             )
-
-
-def _others(name: str) -> Iterator[str]:
-    """The name with one part for the left side replaced by that for the right."""
-    parts = re.split(r"([_\-. ])", name)
-    for left, right in SIDES:
-        if left in parts:
-            yield "".join(right if part == left else part for part in parts)
 
 
 def _wrong_image(left: Inertial, right: Inertial) -> str:
@@ -429,52 +407,20 @@ FIELDS = {"damping": "viscous", "friction": "coulomb", "armature": "armature"}
 
 def check_joints(description: Description) -> Iterator[Finding]:
     """What is odd about the joints, each one and all together."""
-    yield from _tree(description)
+    for kind, joint, problem in tree_faults(description, description.joints):
+        yield Finding(
+            "impossible",
+            kind,
+            *joint.where,
+            problem,
+            "links of the file in a tree from one base, each with a name of its own",
+            "correct the names, <parent> and <child>",
+            1e3,
+        )
     for joint in description.moving:
         yield from _axis(joint)
         yield from _limits(joint, description.form)
     yield from _values_of_all(description)
-
-
-def _tree(description: Description) -> Iterator[Finding]:
-    """Links that joints name and the file lacks, links that two joints hold, and joints of other kinds."""
-    names = {link.name for link in description.links}
-    held = Counter(joint.child for joint in description.joints)
-    for joint in description.joints:
-        for end in (joint.parent, joint.child):
-            if end not in names:
-                yield Finding(
-                    "impossible",
-                    "no_such_link",
-                    *joint.where,
-                    f"names the link {end!r}, which the file does not have",
-                    "links of the file",
-                    "correct the name",
-                    1e3,
-                )
-        if held[joint.child] > 1:
-            yield Finding(
-                "impossible",
-                "held_twice",
-                *joint.where,
-                f"{held[joint.child]} joints hold the link {joint.child}",
-                "a tree: one joint above each link",
-                "remove the joints that close a loop",
-                1e3,
-            )
-    below = {link.name for link in description.in_tree_order()}
-    for link in description.links:
-        if link.name not in below:
-            yield Finding(
-                "impossible",
-                "loop",
-                f"link {link.name}",
-                link.line,
-                "hangs on a loop of joints, not on the base",
-                "a tree of links from one base",
-                "correct <parent> and <child> of its joints",
-                1e3,
-            )
 
 
 def _axis(joint: Joint) -> Iterator[Finding]:
@@ -560,17 +506,13 @@ def _values_of_all(description: Description) -> Iterator[Finding]:
                 f"looks like a placeholder: give the data sheet's{identify}",
                 0.2,
             )
-    if absent:
-        yield _no_drive(description, absent)
-
-
-def _no_drive(description: Description, absent: list[str]) -> Finding:
-    """Friction or rotors that no joint has."""
+    if not absent:
+        return
     found = f"no joint has {' or '.join(DRIVE[name] for name in absent)}"
     if description.form == "URDF" and "armature" in absent:
         found += "; a URDF has no place for rotors"
     fields = ", ".join(f"{FIELDS[name]}: [...]" for name in absent)
-    return Finding(
+    yield Finding(
         "missing",
         "no_drive",
         "",
@@ -580,7 +522,6 @@ def _no_drive(description: Description, absent: list[str]) -> Finding:
         f"give nominal: {{{fields}}} in case.yaml from the data sheet, or identify the arm (gapscope identify)",
         0.1,
     )
-
 
 
 # Mass, centre of mass and moments of each link against its shapes.
@@ -594,42 +535,33 @@ def check_geometry(
         inertial, geometry = link.inertial, geometries.get(link.name)
         if inertial is None or geometry is None or not inertial.is_body:
             continue
-        if inertial.mass >= MIN_MASS:
-            yield from _density(link, inertial, geometry)
-            yield from _centre(link, inertial, geometry)
-            yield from _size(link, inertial, geometry)
-
-
-def _density(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Finding]:
-    density = inertial.mass / geometry.volume
-    if MIN_DENSITY <= density <= LARGEST_DENSITY:
-        return
-    bound = MIN_DENSITY if density < MIN_DENSITY else LARGEST_DENSITY
-    yield Finding(
-        "implausible",
-        "density",
-        *link.where,
-        f"{inertial.mass:.3g} kg in shapes of {1e3 * geometry.volume:.3g} dm^3: {density:.2g} kg/m^3",
-        f"{MIN_DENSITY:g} to {LARGEST_DENSITY:g} kg/m^3",
-        "check the mass, its unit, and the scale of the meshes",
-        size=float(abs(np.log(density / bound))),
-    )
-
-
-def _centre(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Finding]:
-    outside = distance_outside(geometry, inertial.com)
-    if outside <= OUTSIDE * geometry.edge:
-        return
-    yield Finding(
-        "implausible",
-        "com_outside",
-        *link.where,
-        f"centre of mass {_vector(inertial.com)} m is {outside:.3g} m outside the link's shapes",
-        f"inside, near {_vector(geometry.centre)} m, the middle of the shapes",
-        "check the unit and the frame of <origin>: it is given in the link's frame, not in that of the base or the CAD "
-        "assembly",
-        size=outside / geometry.edge,
-    )
+        if inertial.mass < MIN_MASS:
+            continue
+        density = inertial.mass / geometry.volume
+        if not MIN_DENSITY <= density <= LARGEST_DENSITY:
+            bound = MIN_DENSITY if density < MIN_DENSITY else LARGEST_DENSITY
+            yield Finding(
+                "implausible",
+                "density",
+                *link.where,
+                f"{inertial.mass:.3g} kg in shapes of {1e3 * geometry.volume:.3g} dm^3: {density:.2g} kg/m^3",
+                f"{MIN_DENSITY:g} to {LARGEST_DENSITY:g} kg/m^3",
+                "check the mass, its unit, and the scale of the meshes",
+                size=float(abs(np.log(density / bound))),
+            )
+        outside = distance_outside(geometry, inertial.com)
+        if outside > OUTSIDE * geometry.edge:
+            yield Finding(
+                "implausible",
+                "com_outside",
+                *link.where,
+                f"centre of mass ({_listed(inertial.com)}) m is {outside:.3g} m outside the link's shapes",
+                f"inside, near ({_listed(geometry.centre)}) m, the middle of the shapes",
+                "check the unit and the frame of <origin>: it is given in the link's frame, not in that of the base or "
+                "the CAD assembly",
+                size=outside / geometry.edge,
+            )
+        yield from _size(link, inertial, geometry)
 
 
 def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Finding]:
@@ -652,8 +584,8 @@ def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Findin
             "moments_too_large",
             *link.where,
             f"the mass spreads {np.sqrt(variances[worst]):.3g} m about its centre (standard deviation along "
-            f"{_vector(axes[:, worst])}), and the shapes have room for {np.sqrt(bound[worst]):.3g} m; the moments are "
-            f"{solid:.3g} times those of a solid of that shape",
+            f"({_listed(axes[:, worst])})), and the shapes have room for {np.sqrt(bound[worst]):.3g} m; the moments "
+            f"are {solid:.3g} times those of a solid of that shape",
             "no more than with all mass on the surface of the shapes",
             f"check the moments, their unit, and that they refer to the centre of mass; a solid has {1 / solid:.2g} "
             "times these",
@@ -669,11 +601,6 @@ def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Findin
             f"check the moments and their unit; a solid has {1 / solid:.2g} times these",
             size=float(-np.log(solid / MIN_MOMENT_SHARE)),
         )
-
-
-def _vector(values: np.ndarray) -> str:
-    return f"({_listed(values)})"
-
 
 
 # Whether inertials, or masses alone, belong to the neighbouring links.
@@ -741,61 +668,58 @@ def check_shifted(
 def misfit(inertial: Inertial, extent: Extent) -> float:
     """d^2 / tr(G) of a body and the extent of a link [1]."""
     own, shape = inertial.variance, extent.variance
-    root = _root(own)
-    overlap = np.trace(_root(root @ shape @ root))
+    # the eigenvalues of S^1/2 G S^1/2 are those of S G
+    squares = np.linalg.eigvals(own @ shape).real
+    overlap = np.sqrt(np.maximum(squares, 0.0)).sum()
     offset = float(np.sum((inertial.com - extent.centre) ** 2))
     total = np.trace(own) + np.trace(shape)
     return max(0.0, float((offset + total - 2 * overlap) / np.trace(shape)))
 
 
-def _root(matrix: np.ndarray) -> np.ndarray:
-    """Square root of a symmetric matrix whose eigenvalues are not negative but for rounding."""
-    values, vectors = np.linalg.eigh(matrix)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
-
-
 def _whole(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Finding]:
     """The whole inertials are those of the link before or behind, in this order of the links that have one."""
-    bodies = [link.inertial for link in links if link.inertial is not None]
-    places = [extents.get(link.name) for link in links]
     tried = []
     for step in (1, -1):
-        fits = [_fits(bodies, places, k, k + step) for k in range(len(links))]
-        gains = np.array([gain for gain in fits if gain is not None])
+        # by how much the giver's inertial fits better than the own, as a logarithm
+        gains = np.array(
+            [
+                np.log(FLOOR + misfit(own, extent))
+                - np.log(FLOOR + misfit(giver, extent))
+                for own, giver, extent in _neighbours(links, extents, step)
+                if own.is_body and giver.is_body
+            ]
+        )
         # neighbours with the same inertial say nothing
         told = gains[np.abs(gains) > TIED]
         if len(gains) >= SHIFT_LINKS and len(told) >= MIN_TOLD:
-            share = float(np.mean(told > 0))
-            tried.append((float(gains.mean()), share, step, len(told)))
-    best = max(tried, key=lambda each: each[0], default=(0.0, 0.0, 0, 0))
-    mean, share, step, count = best
+            tried.append((gains.mean(), np.mean(told > 0), step, len(told)))
+    mean, share, step, count = max(tried, default=(0.0, 0.0, 0, 0))
     if mean < SHIFT_GAIN or share < SHIFT_SHARE:
         return
     beyond = "next" if step > 0 else "previous"
     yield _shifted(
         links,
         "shifted_inertials",
-        places,
+        extents,
         f"the inertials look shifted by one link: {share:.0%} of {count} links are fitted better by the inertial of "
         f"the {beyond} link, whose misfit is {np.exp(-mean):.2g} times that of their own",
         "each inertial within its own link",
         f"give each link the <inertial> of the {beyond} one (converters that lose or add the base do this), and run "
         "the audit again",
-        mean,
+        float(mean),
     )
 
 
-def _fits(
-    bodies: Sequence[Inertial], places: Sequence[Extent | None], own: int, giver: int
-) -> float | None:
-    """By how much the giver's inertial fits a link better than its own, as a logarithm; ``None`` if not known."""
-    extent = places[own]
-    if extent is None or not 0 <= giver < len(bodies):
-        return None
-    if not (bodies[own].is_body and bodies[giver].is_body):
-        return None
-    now, then = (misfit(bodies[k], extent) for k in (own, giver))
-    return float(np.log((FLOOR + now) / (FLOOR + then)))
+def _neighbours(
+    links: Sequence[Link], extents: Mapping[str, Extent], step: int
+) -> Iterator[tuple[Inertial, Inertial, Extent]]:
+    """Inertial of each link of known extent, that of the link ``step`` further, and the extent."""
+    for own, link in enumerate(links):
+        giver, extent = own + step, extents.get(link.name)
+        if extent is not None and 0 <= giver < len(links):
+            first, second = link.inertial, links[giver].inertial
+            if first is not None and second is not None:
+                yield first, second, extent
 
 
 def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Finding]:
@@ -804,20 +728,34 @@ def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fi
     With s_i = ln(tr(I_i) / L_i^2), L the links' sizes, and masses m, arms have similar s_i - ln(m_i) on all links; the
     F test compares its spread with that of s_i - ln(m_k), k the neighbour.
     """
-    bodies = [link.inertial for link in links if link.inertial is not None]
-    places = [extents.get(link.name) for link in links]
-    both = (_mass_spread(bodies, places, step) for step in (1, -1))
-    best = min(filter(None, both), default=None)
-    if best is None:
+    tried = []
+    for step in (1, -1):
+        rows = np.array(
+            [
+                (np.trace(own.moments) / extent.size, own.mass, giver.mass)
+                for own, giver, extent in _neighbours(links, extents, step)
+                # moments that no body has say nothing of the mass
+                if extent.size and possible(own) and giver.is_body
+            ]
+        )
+        count = len(rows)
+        if count < SHIFT_LINKS + 1 or np.ptp(rows[:, 1]) == 0:
+            continue
+        size, own_mass, other_mass = np.log(rows).T
+        now, then = (float(np.std(size - m, ddof=1)) for m in (own_mass, other_mass))
+        then = max(ROUNDING, then)
+        p = float(fisher.sf((now / then) ** 2, count - 1, count - 1))
+        tried.append((p, then, now, count, step))
+    if not tried:
         return
-    p, then, now, count, step = best
+    p, then, now, count, step = min(tried)
     if p > MASS_SHIFT_LEVEL or then > MASS_SHIFT_SPREAD:
         return
     beyond = "next" if step > 0 else "previous"
     yield _shifted(
         links,
         "shifted_masses",
-        places,
+        extents,
         f"the masses look shifted by one link: moments over mass and size differ by {np.expm1(now):.0%} between "
         f"{count} links, with the mass of the {beyond} link each by {np.expm1(then):.0%} (p = {p:.1g}); "
         "centres and moments are in place",
@@ -825,34 +763,6 @@ def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fi
         f"give each link the <mass> of the {beyond} one, compare with the data sheet, and run the audit again",
         float(np.log(now / then)),
     )
-
-
-def _mass_spread(
-    bodies: Sequence[Inertial], places: Sequence[Extent | None], step: int
-) -> tuple[float, float, float, int, int] | None:
-    """How moments over mass and size spread with the masses ``step`` links further; ``None`` of few links.
-
-    First p of an F test that they spread no less than now, then the standard deviation of their logarithm [1] with
-    those masses and now, the number of links, and the step.
-    """
-    sizes, own_masses, other_masses = [], [], []
-    for own, extent in enumerate(places):
-        giver = own + step
-        if extent is None or not extent.size or not 0 <= giver < len(bodies):
-            continue
-        # moments that no body has say nothing of the mass
-        if possible(bodies[own]) and bodies[giver].is_body:
-            sizes.append(np.log(np.trace(bodies[own].moments) / extent.size))
-            own_masses.append(np.log(bodies[own].mass))
-            other_masses.append(np.log(bodies[giver].mass))
-    count = len(sizes)
-    if count < SHIFT_LINKS + 1 or np.ptp(own_masses) == 0:
-        return None
-    now = float(np.std(np.subtract(sizes, own_masses), ddof=1))
-    then = float(np.std(np.subtract(sizes, other_masses), ddof=1))
-    then = max(ROUNDING, then)
-    p = float(fisher.sf((now / then) ** 2, count - 1, count - 1))
-    return p, then, now, count, step
 
 
 def possible(inertial: Inertial) -> bool:
@@ -866,13 +776,14 @@ def possible(inertial: Inertial) -> bool:
 def _shifted(
     links: Sequence[Link],
     kind: str,
-    places: Sequence[Extent | None],
+    extents: Mapping[str, Extent],
     found: str,
     expected: str,
     remedy: str,
     size: float,
 ) -> Finding:
-    if not all(place.by_shape for place in places if place is not None):
+    known = [extents[link.name] for link in links if link.name in extents]
+    if not all(extent.by_shape for extent in known):
         found += "; judged by the joints' frames where shapes are missing, which is less certain"
     _, line = links[0].where
     return Finding("implausible", kind, "", line, found, expected, remedy, 10.0 + size)
@@ -894,18 +805,15 @@ def _extents(
         # of a rod the variance is L^2 / 12, of its two ends L^2 / 4
         along = np.cov(points.T, bias=True) / 3
         variance = along + across**2 * np.eye(3)
-        size = float(np.trace(along)) if _carries_a_joint(description, name) else 0.0
+        # whether the link, or what is fixed to it, holds a moving joint
+        parts = {part.name for part, _ in description.rigid_part(name)}
+        carries = any(joint.parent in parts for joint in description.moving)
+        size = float(np.trace(along)) if carries else 0.0
         found[name] = Extent(points.mean(axis=0), variance, False, size)
     for name, geometry in geometries.items():
         size = float(np.trace(geometry.variance))
         found[name] = Extent(geometry.centre, geometry.variance, True, size)
     return found
-
-
-def _carries_a_joint(description: Description, link: str) -> bool:
-    """Whether a link, or what is fixed to it, holds a moving joint."""
-    parts = [part.name for part, _ in description.rigid_part(link)]
-    return any(joint.parent in parts for joint in description.moving)
 
 
 def _frames(description: Description, link: Link) -> np.ndarray:

@@ -106,9 +106,12 @@ def link_geometry(description: Description, link: str) -> Geometry | None:
         if other.lost:
             return None  # the shapes that are left may be a small part of the link
         for shape in other.shapes:
-            corners = _corners(shape)
-            if corners is None and shape.kind == "mesh":
-                return None
+            if shape.kind == "mesh" and shape.mesh is not None:
+                corners = _mesh(shape.mesh, shape.size)
+                if corners is None:
+                    return None
+            else:
+                corners = shape_points(shape, DIRECTIONS, CORNERS)
             if corners is not None:
                 pose = place * shape.place
                 shapes.append((shape, corners @ pose.rotation.T + pose.translation))
@@ -167,13 +170,6 @@ def _together(
     second = np.sum([moment for _, _, moment in solids], axis=0)
     centre = first / volume
     return volume, centre, second / volume - np.outer(centre, centre)
-
-
-def _corners(shape: Shape) -> np.ndarray | None:
-    """Points whose hull is the shape [m], shape (K, 3); ``None`` if it has no size."""
-    if shape.kind == "mesh" and shape.mesh is not None:
-        return _mesh(shape.mesh, shape.size)
-    return shape_points(shape, DIRECTIONS, CORNERS)
 
 
 @lru_cache(maxsize=256)

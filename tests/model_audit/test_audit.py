@@ -126,7 +126,7 @@ def test_a_slipped_digit_is_guessed(arm_text: Text, file_of: Write) -> None:
         ('effort="90"', 'effort="0"', "effort", "joint joint_2"),
         ('velocity="3"', 'velocity="0"', "velocity", "joint joint_2"),
         ('child link="link_3"', 'child link="nowhere"', "no_such_link", "joint joint_4"),
-        ('parent link="link_0"', 'parent link="link_4"', "loop", "link link_1"),
+        ('parent link="link_0"', 'parent link="link_4"', "loop", "joint joint_2"),
     ],
 )  # fmt: skip
 def test_one_fault_of_the_file_is_named_at_its_place(

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 from xml.parsers import expat
 
 import numpy as np
@@ -218,6 +219,8 @@ class Joint:
         effort: [N m or N].
         velocity: [rad/s or m/s].
         damping: [N m s/rad], friction: [N m], armature: [kg m^2].
+        reference: position that the pose of the file has, of MJCF [rad or m].
+        gains: kp [N m/rad] and kd [N m s/rad] of an actuator of MJCF that holds its position; none by default.
     """
 
     name: str
@@ -237,6 +240,8 @@ class Joint:
     damping: float | None = None
     friction: float | None = None
     armature: float | None = None
+    reference: float = 0.0
+    gains: tuple[float, ...] = ()
 
     @property
     def where(self) -> tuple[str, int]:
@@ -260,6 +265,9 @@ class Description:
         root: of the file; elements of an MJCF file have what default classes give them.
         links, joints: in the order of the file, fixed joints included.
         unreadable: what it does not say as it should.
+        unread: what acts by an MJCF file and is not read, a sentence each, with the joint that it acts on, or an empty
+            text.
+        gravity: of an MJCF file, in the world's frame [m/s^2], shape (3,); ``None`` if it does not say.
     """
 
     file: Path
@@ -269,6 +277,8 @@ class Description:
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     unreadable: tuple[Unreadable, ...] = ()
+    unread: tuple[tuple[str, str], ...] = ()
+    gravity: np.ndarray | None = None
 
     @cached_property
     def by_name(self) -> dict[str, Link]:
@@ -465,6 +475,7 @@ class _Reader:
     def __init__(self, root: ET.Element, lines: Lines, path: Path) -> None:
         self.root, self.path, self.lines = root, path, lines
         self.unreadable: list[Unreadable] = []
+        self.unread: list[tuple[str, str]] = []
 
     def several(
         self, element: ET.Element | None, key: str, default: Iterable[float], place: str
@@ -499,6 +510,13 @@ class _Reader:
         value = float(self.several(element, key, (0.0,), place)[0])
         return value if len(self.unreadable) == noted else None
 
+    def any(
+        self, element: ET.Element, key: str, default: float, place: str
+    ) -> np.ndarray:
+        """However many numbers stand there; one by default."""
+        count = max(len(element.get(key, "").split()), 1)
+        return self.several(element, key, np.full(count, default), place)
+
     def note(self, element: ET.Element, key: str, place: str, wanted: str) -> None:
         """Note that an attribute is not what is wanted."""
         name, line = f"<{element.tag} {key}>", self.lines[element]
@@ -518,7 +536,12 @@ class _Reader:
         return Inertial(line, mass or 0.0, pose.translation, turned, own)
 
     def described(
-        self, form: str, name: str | None, links: Iterable[Link], joints: list[Joint]
+        self,
+        form: str,
+        name: str | None,
+        links: Iterable[Link],
+        joints: list[Joint],
+        gravity: np.ndarray | None = None,
     ) -> Description:
         """What was read."""
         return Description(
@@ -529,6 +552,8 @@ class _Reader:
             tuple(links),
             tuple(joints),
             tuple(self.unreadable),
+            tuple(self.unread),
+            gravity,
         )
 
 
@@ -609,9 +634,12 @@ class _UrdfReader(_Reader):
             )
             factor = 1.0 if factor is None else factor
             mimic = Mimic(follows.get("joint", ""), factor, offset or 0.0)
-        keys = ("lower", "upper", "effort", "velocity")
-        limits = [self.one(limit, key, place, limit=True) for key in keys]
-        drive = [self.one(dynamics, key, place) for key in ("damping", "friction")]
+        numbers: dict[str, Any] = {
+            key: self.one(limit, key, place, limit=True)
+            for key in ("lower", "upper", "effort", "velocity")
+        }
+        for key in ("damping", "friction"):
+            numbers[key] = self.one(dynamics, key, place)
         return Joint(
             name,
             self.lines[element],
@@ -623,8 +651,7 @@ class _UrdfReader(_Reader):
             np.zeros(3),
             written == "continuous",
             mimic,
-            *limits,
-            *drive,
+            **numbers,
         )
 
     def _inertial(self, element: ET.Element, place: str) -> Inertial:
@@ -672,6 +699,11 @@ class _UrdfReader(_Reader):
 
 # --- MJCF
 
+UNREAD = {
+    "tendon": "<tendon>",
+    "compiler[@settotalmass]": "<compiler settotalmass>",
+}
+"""What is passed over, by its path in the file."""
 KINDS = {"hinge": "revolute", "slide": "prismatic", "free": "floating"}
 NAMELESS = "without_a_name"
 TURNS: dict[str, tuple[float, ...]] = {
@@ -690,13 +722,12 @@ def along(first: np.ndarray, second: np.ndarray) -> Place:
 
 
 def _turn_of_z(direction: np.ndarray) -> np.ndarray:
-    """A rotation whose z axis has a direction; unity of none, shape (3, 3)."""
-    length = np.linalg.norm(direction)
-    z = direction / length if length else np.array([0.0, 0.0, 1.0])
-    # any axis that is not along z will do for the others
-    x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
+    """The shortest turn from the z axis to a direction; unity of none, shape (3, 3)."""
+    axis = np.cross([0.0, 0.0, 1.0], direction)
+    size = np.linalg.norm(axis)
+    angle = np.arctan2(size, direction[2])
+    # about any axis across it to the opposite direction
+    return _turned(angle * (axis / size if size else np.array([1.0, 0.0, 0.0])))
 
 
 class _MjcfReader(_Reader):
@@ -721,10 +752,22 @@ class _MjcfReader(_Reader):
             for mesh in self.root.findall("asset/mesh")
         }
         self._give_defaults()
+        self.unread += [
+            ("", f"{what} is not read")
+            for path, what in UNREAD.items()
+            if self.root.find(path) is not None
+        ]
         self._mimics = self._equalities()
+        self._read_actuators()
         for world in self.root.findall("worldbody"):
             self._visit(world, "world")
-        return self.described("MJCF", self.root.get("model"), self._links, self._joints)
+        gravity = None
+        for option in self.root.findall("option[@gravity]"):
+            gravity = self.several(option, "gravity", ZERO, "file")
+        if self.root.find("option/flag[@gravity='disable']") is not None:
+            gravity = np.zeros(3)
+        name = self.root.get("model")
+        return self.described("MJCF", name, self._links, self._joints, gravity)
 
     def _give_defaults(self) -> None:
         """Give the elements of bodies and actuators the attributes that they have by their class."""
@@ -757,25 +800,84 @@ class _MjcfReader(_Reader):
                 fill(part, "main")
 
     def _equalities(self) -> dict[str, Mimic]:
-        """Joints that ``<equality>`` lets follow another one in proportion."""
+        """Joints that ``<equality>`` lets follow another one in proportion; other constraints are not read."""
         found = {}
-        for element in self.root.findall("equality/joint"):
+        for element in self.root.findall("equality/*"):
             name, master = element.get("joint1", ""), element.get("joint2")
-            terms = coefficients(element)
-            if terms is None:
-                self.note(element, "polycoef", f"joint {name}", "numbers")
-            elif (
-                master is not None
-                and not terms[2:].any()
-                and element.get("active") != "false"
-            ):
-                found[name] = Mimic(master, float(terms[1]), float(terms[0]))
+            noted = len(self.unreadable)
+            # lowest power first
+            if "polycoef" in element.attrib:
+                terms = self.any(element, "polycoef", 0.0, f"joint {name}")
+            else:
+                terms = np.array([0.0, 1.0])
+            straight = len(self.unreadable) == noted and not terms[2:].any()
+            if element.tag == "joint" and master and straight:
+                if element.get("active") != "false":
+                    offset, factor = np.pad(terms, (0, 2))[:2]
+                    found[name] = Mimic(master, float(factor), float(offset))
+                continue
+            ends = (element.get(key) for key in ("joint1", "joint2", "body1", "body2"))
+            between = ", ".join(filter(None, ends)) or "unnamed parts"
+            said = (
+                f"<equality><{element.tag}> of {between} is not read: what it holds together moves freely, or is "
+                "locked if it is none of the arm's joints"
+            )
+            self.unread.append(("", said))
         return found
+
+    def _read_actuators(self) -> None:
+        """Limits and gains that actuators give joints.
+
+        The limit of a torque is ``forcerange``, of plain motors ``ctrlrange`` too, times the gear. A ``position``
+        actuator commands gear kp (u - gear q) - gear^2 kv dq: kp and kd about the joint are gear^2 times its own; a
+        ``general`` one whose ``biastype`` is affine has kp and kd in ``biasprm`` [b0, -kp, -kd].
+        """
+        self._limits, self._gains = dict[str, float](), dict[str, tuple[float, ...]]()
+        for element in self.root.findall("actuator/*"):
+            name, tag = element.get("joint", ""), element.tag
+            place, bias = f"joint {name}", element.get("biastype", "none")
+
+            def first(
+                key: str,
+                default: float,
+                element: ET.Element = element,
+                place: str = place,
+            ) -> float:
+                """The first number of an attribute."""
+                return float(self.any(element, key, default, place)[0])
+
+            gear, limit = abs(first("gear", 1.0)), self._bound(element, "force", place)
+            # only of a plain motor the control is a torque
+            if tag in ("general", "motor") and bias == "none":
+                control = self._bound(element, "ctrl", place)
+                limit = min(limit, abs(first("gainprm", 1.0)) * control)
+            self._limits[name] = min(self._limits.get(name, np.inf), gear * limit)
+            own = None
+            if tag == "position":
+                own = (first("kp", 1.0), first("kv", 0.0))
+            elif tag == "velocity":
+                own = (0.0, first("kv", 1.0))
+            elif tag == "general" and bias == "affine":
+                given = self.any(element, "biasprm", 0.0, place)
+                _, kp, kd = -np.pad(given, (0, 3))[:3]
+                own = (float(kp), float(kd))
+            if own is not None:
+                self._gains[name] = tuple(gear**2 * gain for gain in own)
+
+    def _bound(self, element: ET.Element, of: str, place: str) -> float:
+        """What a range allows to either side; infinite if there is none."""
+        key = f"{of}range"
+        if key not in element.attrib or element.get(f"{of}limited") == "false":
+            return np.inf
+        return float(np.abs(self.several(element, key, (0.0, 0.0), place)).min())
 
     def _visit(self, element: ET.Element, parent: str) -> None:
         for body in element.findall("body"):
             name = body.get("name") or f"{NAMELESS}_{len(self._links)}"
             body.set("name", name)
+            if self.any(body, "gravcomp", 0.0, f"body {name}").any():
+                said = f"gravcomp of body {name} is not read: its weight is not held up"
+                self.unread.append(("", said))
             self._body(body, name, parent)
             self._visit(body, name)
 
@@ -817,7 +919,14 @@ class _MjcfReader(_Reader):
         limits = self.several(element, "range", (0.0, 0.0), place)
         given = "range" in element.attrib and element.get("limited") != "false"
         limits *= self._angle if kind == "revolute" else 1.0
-        force = self.several(element, "actuatorfrcrange", (0.0, 0.0), place)
+        limit = self._bound(element, "actuatorfrc", place)
+        limit = min(limit, self._limits.get(name, np.inf))
+        if self.any(element, "stiffness", 0.0, place).any():
+            said = (
+                f"the spring of {place} (stiffness {element.get('stiffness')}, springref "
+                f"{element.get('springref', '0')}) is not read; give it as the effect parallel_spring"
+            )
+            self.unread.append((name, said))
         return Joint(
             name,
             self.lines[element],
@@ -831,11 +940,13 @@ class _MjcfReader(_Reader):
             self._mimics.get(name),
             float(limits[0]) if given else None,
             float(limits[1]) if given else None,
-            float(np.abs(force).min()) or None,
+            limit if 0 < limit < np.inf else None,
             None,
             self.one(element, "damping", place),
             self.one(element, "frictionloss", place),
             self.one(element, "armature", place),
+            self.one(element, "ref", place) or 0.0,
+            self._gains.get(name, ()),
         )
 
     def _inertial(self, element: ET.Element, place: str) -> Inertial:
@@ -898,10 +1009,7 @@ class _MjcfReader(_Reader):
             y = _unit(given[3:] - (x @ given[3:]) * x)
             turn = np.column_stack([x, y, np.cross(x, y)])
         elif key == "zaxis":
-            # the shortest turn from z to there
-            axis = np.cross([0.0, 0.0, 1.0], given)
-            size = np.linalg.norm(axis)
-            turn = _turned(np.arctan2(size, given[2]) * axis / (size or 1.0))
+            turn = _turn_of_z(given)
         return Place(turn, position)
 
 
@@ -927,13 +1035,3 @@ def _extent(kind: str, size: tuple[float, ...]) -> tuple[float, ...]:
     if len(size) < len(factors):
         return ()
     return tuple(k * x for k, x in zip(factors, size, strict=False))
-
-
-def coefficients(equality: ET.Element) -> np.ndarray | None:
-    """Polynomial of a constraint between joints, shape (5,), lowest power first; ``None`` if it is no numbers."""
-    try:
-        given = np.array((equality.get("polycoef") or "0 1").split(), dtype=float)[:5]
-    except ValueError:
-        return None
-    found = np.pad(given, (0, 5 - len(given)))
-    return found if np.isfinite(found).all() else None

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from itertools import combinations, compress
+from itertools import combinations, compress, product
 from pathlib import Path
 
 import coal
@@ -176,29 +176,16 @@ def shape_points(shape: Shape, count: int, corners: int) -> np.ndarray | None:
     if not (size > 0).all():
         return None
     if shape.kind == "box":
-        return box_corners(size)
+        return 0.5 * size * np.array(list(product((-1, 1), repeat=3)))
     if shape.kind == "cylinder":
-        return cylinder_edges(size[0], size[1], corners)
-    if shape.kind == "capsule":
-        caps, end = directions(count) * size[0], np.array([0.0, 0.0, size[1] / 2])
-        return np.vstack([caps + end, caps - end])
-    return directions(count) * size
-
-
-def box_corners(edges: np.ndarray) -> np.ndarray:
-    """Corners of a box around the origin, (8, 3)."""
-    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-    return 0.5 * signs * edges
-
-
-def cylinder_edges(radius: float, length: float, count: int) -> np.ndarray:
-    """Points on both rims of a cylinder along z around the origin [m], (2 count, 3)."""
-    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    ends = [
-        np.column_stack([circle, np.full(count, z)]) for z in (-length / 2, length / 2)
-    ]
-    return np.vstack(ends)
+        angle = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+        rim = size[0] * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    elif shape.kind == "capsule":
+        rim = directions(count) * size[0]
+    else:
+        return directions(count) * size
+    end = np.array([0.0, 0.0, size[1] / 2])
+    return np.vstack([rim - end, rim + end])
 
 
 def mesh_points(mesh: Path, scale: Sequence[float]) -> np.ndarray | None:
@@ -285,10 +272,15 @@ class CollisionModel:
             self._shapes.addGeometryObject(
                 pin.GeometryObject("surface", 0, 0, pin.SE3.Identity(), ground)
             )
-        all_pairs = combinations(range(self._shapes.ngeoms), 2)
-        self._set_pairs(
-            [pair for pair in all_pairs if self._can_approach(*pair, bodies)]
-        )
+        # bodies on other joints than the same or neighbouring ones; the surface only bodies that move can reach
+        on = [int(shape.parentJoint) for shape in self._shapes.geometryObjects]
+        above, apart = self._model.parents, []
+        for first, second in combinations(range(len(on)), 2):
+            a, b = on[first], on[second]
+            beside = a == b or above[a] == b or above[b] == a
+            if a > 0 if second >= bodies else not beside:
+                apart.append((first, second))
+        self._set_pairs(apart)
         candidates = self.pairs
         distances = self._sampled()
         overlapping = distances <= 0
@@ -332,15 +324,6 @@ class CollisionModel:
                 self._model, self._data, self._shapes, self._geometry, q
             )
         )
-
-    def _can_approach(self, first: int, second: int, bodies: int) -> bool:
-        """Whether two bodies can come near each other, by the joints that carry them."""
-        shapes, parents = self._shapes.geometryObjects, self._model.parents
-        a, b = int(shapes[first].parentJoint), int(shapes[second].parentJoint)
-        if second >= bodies:  # the surface: only bodies that move can reach it
-            return a > 0
-        neighbours = parents[a] == b or parents[b] == a
-        return a != b and not neighbours
 
     def _keep(self, chosen: np.ndarray) -> None:
         """Leave only some of the present pairs, bool per pair."""

@@ -141,11 +141,18 @@ def check_inertia(body: RigidBody, at_fault: str = "") -> None:
         for i, x in enumerate(inertias)
         if x.mass < 0 or not np.isfinite(x.toDynamicParameters()).all()
     ]
+    # the joint that most takes part in a motion without kinetic energy in the zero posture, or a negative one in others
+    low, high = np.clip(body.position_limits(), -np.pi, np.pi)
+    share = np.random.default_rng(0).uniform(size=(POSTURES, body.n_joints))
+    postures = [np.zeros(body.n_joints), *(low + share * (high - low))]
+    for k, q in enumerate(() if bad else postures):
+        values, vectors = np.linalg.eigh(body.mass_matrix(q))
+        least = 1e-9 if k == 0 else -1e-9
+        if values[0] <= least * np.abs(values).max():
+            bad.append(int(np.abs(vectors[:, 0]).argmax()))
+            break
     if not bad:
-        weakest = _weakest_joint(body)
-        if weakest is None:
-            return
-        bad = [weakest]
+        return
     joint = bad[0]
     moments = ", ".join(
         f"{moment:.4g}" for moment in np.linalg.eigvalsh(inertias[joint].inertia)
@@ -159,21 +166,6 @@ def check_inertia(body: RigidBody, at_fault: str = "") -> None:
         file=None if at_fault else body.file,
         where=at_fault,
     )
-
-
-def _weakest_joint(body: RigidBody) -> int | None:
-    """The joint that most takes part in a motion without kinetic energy, or with a negative one; ``None`` if none is.
-
-    Without any in the zero posture, negative in ``POSTURES`` others.
-    """
-    low, high = np.clip(body.position_limits(), -np.pi, np.pi)
-    share = np.random.default_rng(0).uniform(size=(POSTURES, body.n_joints))
-    for k, q in enumerate([np.zeros(body.n_joints), *(low + share * (high - low))]):
-        values, vectors = np.linalg.eigh(body.mass_matrix(q))
-        least = 1e-9 if k == 0 else -1e-9
-        if values[0] <= least * np.abs(values).max():
-            return int(np.abs(vectors[:, 0]).argmax())
-    return None
 
 
 def link_name(joint: str) -> str:

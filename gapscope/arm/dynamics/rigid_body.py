@@ -109,18 +109,16 @@ class RigidBody:
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> np.ndarray:
         """tau = M(q) ddq + C(q, dq) dq + g(q), shape (N, n)."""
-        (torque,) = self._cached("inverse dynamics", self._inverse_dynamics, q, dq, ddq)
-        return torque.copy()
 
-    def _inverse_dynamics(
-        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
-    ) -> tuple[np.ndarray]:
-        q, dq, ddq = self._ordered(q, dq, ddq)
-        # one call for all samples, each computed as by pin.rnea
-        pool = pin.ModelPool(self.model, 1)
-        out = pin.rneaInParallel(1, pool, q.T, dq.T, ddq.T)
-        # a single sample comes back as a vector
-        return (out.reshape(q.shape[::-1], order="F").T[:, self.places],)
+        def computed(*motion: np.ndarray) -> tuple[np.ndarray]:
+            q, dq, ddq = self._ordered(*motion)
+            # one call for all samples, each computed as by pin.rnea
+            pool = pin.ModelPool(self.model, 1)
+            out = pin.rneaInParallel(1, pool, q.T, dq.T, ddq.T)
+            # a single sample comes back as a vector
+            return (out.reshape(q.shape[::-1], order="F").T[:, self.places],)
+
+        return self._cached("inverse dynamics", computed, q, dq, ddq)[0].copy()
 
     def _cached(
         self,
@@ -278,15 +276,10 @@ class RigidBody:
             mass[i] = data.M
         # pinocchio fills the upper triangle alone
         mass = np.triu(mass) + np.triu(mass, 1).transpose(0, 2, 1)
-        return (
-            self._in_arm_order(by_position),
-            self._in_arm_order(by_velocity),
-            self._in_arm_order(mass),
+        return tuple(
+            matrices[:, self.places][:, :, self.places]
+            for matrices in (by_position, by_velocity, mass)
         )
-
-    def _in_arm_order(self, matrices: np.ndarray) -> np.ndarray:
-        """Rows and columns of matrices (N, n, n) in the order of the arm's joints."""
-        return matrices[:, self.places][:, :, self.places]
 
     def gravity_regressor(self, q: np.ndarray) -> np.ndarray:
         """G(q) [kg m], shape (N, n, 3), with g(q) = G(q) g for gravity g in the base frame [m/s^2]."""

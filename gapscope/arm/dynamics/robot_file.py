@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -18,11 +16,9 @@ from gapscope.arm.dynamics.description import (
     Description,
     Inertial,
     Joint,
-    Link,
     Mimic,
     Place,
     Shape,
-    coefficients,
     read_description,
 )
 from gapscope.arm.errors import InputError
@@ -38,11 +34,6 @@ UNLIMITED = 1e6
 """Position limits beyond this [rad or m] are none."""
 
 
-UNREAD = {
-    "tendon": "<tendon>",
-    "compiler[@settotalmass]": "<compiler settotalmass>",
-}
-"""What is passed over, by its path in the file."""
 UNFOLDED = ("include", "replicate", "attach", "frame//body", "frame//joint")
 """Elements that contain or change bodies, and are not expanded here."""
 UNWEIGHED = ("mesh", "plane", "hfield", "sdf")
@@ -65,7 +56,7 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
     path, moved = description.file, description.moved(joints)
     links = description.around(joints)
     used = tuple(j for j in description.joints if not joints or j.child in links)
-    places = {f"joint {joint.name}" for joint in used}
+    places = {"file"} | {f"joint {joint.name}" for joint in used}
     tag = "link" if description.form == "URDF" else "body"
     places |= {f"{tag} {name}" for name in moved}
     places |= {f"shape of {tag} {name}" for name in moved & _by_shape(description)}
@@ -86,7 +77,31 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
     bases = [x.name for x in description.links if x.name not in description.above]
     _check_tree(description, used, () if joints else bases)
     for joint in used:
-        _check_joint(joint, path)
+        where = f"line {joint.line}, joint {joint.name}"
+        check_size(joint.place.translation, "length", path, where)
+        if joint.kind in SINGLE and not np.linalg.norm(joint.axis) > 0:
+            raise InputError(
+                "its axis has no direction, so that it moves nothing",
+                'correct <axis xyz="...">, or axis of an MJCF file',
+                file=path,
+                where=where,
+            )
+        for name in ("effort", "velocity", "friction"):
+            limit = getattr(joint, name)
+            if limit is not None and limit < 0:
+                raise InputError(
+                    f"its {name} is {limit:g}, expected zero or above",
+                    "correct the attribute, or leave it out",
+                    file=path,
+                    where=where,
+                )
+        if joint.name in joints and joint.reference:
+            raise InputError(
+                f"ref is {joint.reference:g}, expected 0: positions count from the pose that the file draws",
+                "leave ref out and turn the body by it, or move the recorded positions",
+                file=path,
+                where=f"joint {joint.name}",
+            )
     faults = inertial_faults(description)
     for name, fault in faults.items():
         if name in moved:
@@ -114,7 +129,15 @@ def inertial_faults(description: Description) -> dict[str, InputError]:
             if link.inertial is not None:
                 where = f"line {link.inertial.line}, {tag} {link.name}, <inertial>"
                 _check_inertial(link.inertial, description.file, where)
-            elif (bad := _unweighed(description, link)) is not None:
+            elif description.form == "MJCF" and any(
+                joint.kind in SINGLE for joint in description.upwards(link.name)
+            ):
+                # a shape whose mass is not known here
+                bad = next(
+                    (s for s in link.drawn if s.kind in UNWEIGHED or s.named), None
+                )
+                if bad is None:
+                    continue
                 raise InputError(
                     f"has no <inertial>, and its mass cannot be taken from the shape {bad.named or bad.kind}",
                     'give it one; MuJoCo\'s mj_saveLastXML writes it after <compiler saveinertial="true"/>',
@@ -152,60 +175,48 @@ def listed(moments: np.ndarray) -> str:
     return ", ".join(f"{moment:.4g}" for moment in moments)
 
 
-def _check_joint(joint: Joint, path: Path) -> None:
-    where = f"line {joint.line}, joint {joint.name}"
-    check_size(joint.place.translation, "length", path, where)
-    if joint.kind in SINGLE and not np.linalg.norm(joint.axis) > 0:
-        raise InputError(
-            "its axis has no direction, so that it moves nothing",
-            'correct <axis xyz="...">, or axis of an MJCF file',
-            file=path,
-            where=where,
-        )
-    for name in ("effort", "velocity", "friction"):
-        limit = getattr(joint, name)
-        if limit is not None and limit < 0:
-            raise InputError(
-                f"its {name} is {limit:g}, expected zero or above",
-                "correct the attribute, or leave it out",
-                file=path,
-                where=where,
+def tree_faults(
+    description: Description, joints: Sequence[Joint]
+) -> Iterator[tuple[str, Joint, str]]:
+    """What keeps joints from holding links of the file in one tree: a word for it, the joint, and the problem."""
+    held = Counter(joint.child for joint in joints)
+    names = Counter(joint.name for joint in joints)
+    known = Counter(link.name for link in description.links)
+    for joint in joints:
+        odd = [end for end in (joint.parent, joint.child) if known[end] != 1]
+        *_, top = description.upwards(joint.child)
+        if odd and not known[odd[0]]:
+            said = f"names the link {odd[0]!r}, which the file does not have"
+            yield "no_such_link", joint, said
+        elif odd:
+            said = f"names the link {odd[0]!r}, of which the file has {known[odd[0]]}"
+            yield "same_name", joint, said
+        elif held[joint.child] > 1:
+            yield (
+                "held_twice",
+                joint,
+                f"holds the link {joint.child}, and so do others",
             )
+        elif joint.moves and (not joint.name or names[joint.name] > 1):
+            yield "same_name", joint, "needs a name of its own"
+        elif top.parent in description.above:
+            yield "loop", joint, f"its joints close a loop at the link {joint.child!r}"
 
 
 def _check_tree(
     description: Description, joints: Sequence[Joint], bases: Sequence[str]
 ) -> None:
     """Check that joints hold links of the file in one tree, and that there is no other base."""
-    held = Counter(joint.child for joint in joints)
-    names = Counter(joint.name for joint in joints)
-    known = Counter(link.name for link in description.links)
-    roots = dict.fromkeys(bases)
-    for joint in joints:
-        problem = ""
-        ends = [end for end in (joint.parent, joint.child) if known[end] != 1]
-        *_, top = description.upwards(joint.child)
-        if ends and not known[ends[0]]:
-            problem = f"names the link {ends[0]!r}, which the file does not have"
-        elif ends:
-            problem = (
-                f"names the link {ends[0]!r}, of which the file has {known[ends[0]]}"
-            )
-        elif held[joint.child] > 1:
-            problem = f"holds the link {joint.child}, and so do others"
-        elif joint.moves and (not joint.name or names[joint.name] > 1):
-            problem = "needs a name of its own"
-        elif top.parent in description.above:
-            problem = f"its joints close a loop at the link {joint.child!r}"
-        roots[top.parent] = None
-        if problem:
-            raise InputError(
-                problem,
-                "correct the file: the links of an arm hang on one base, one joint above each; or name the arm in "
-                "chain: or joints: of the case, and what does not concern it is not read",
-                file=description.file,
-                where=f"line {joint.line}, joint {joint.name}",
-            )
+    for _, joint, problem in tree_faults(description, joints):
+        raise InputError(
+            problem,
+            "correct the file: the links of an arm hang on one base, one joint above each; or name the arm in "
+            "chain: or joints: of the case, and what does not concern it is not read",
+            file=description.file,
+            where=f"line {joint.line}, joint {joint.name}",
+        )
+    tops = ([*description.upwards(joint.child)][-1].parent for joint in joints)
+    roots = dict.fromkeys([*bases, *tops])
     if len(roots) > 1:
         raise InputError(
             f"has several bases: {', '.join(roots)}",
@@ -222,14 +233,6 @@ def _by_shape(description: Description) -> set[str]:
     if description.form == "URDF":
         return set()
     return {x.name for x in description.links if x.drawn and x.inertial is None}
-
-
-def _unweighed(description: Description, link: Link) -> Shape | None:
-    """A shape of a moved body of an MJCF file whose mass is not known here, though the body has no inertial."""
-    moved = any(joint.kind in SINGLE for joint in description.upwards(link.name))
-    if description.form == "URDF" or not moved:
-        return None
-    return next((s for s in link.drawn if s.kind in UNWEIGHED or s.named), None)
 
 
 def _weighed(shape: Shape) -> pin.Inertia:
@@ -306,10 +309,6 @@ def arm_model(
             model.addFrame(frame, False)
         for below in reversed(description.below(name)):
             waiting.append((below, below.child, body, place))
-    if description.form == "MJCF":
-        for name, limit in torque_limits(description).items():
-            if model.existJointName(name):
-                model.effortLimit[model.joints[model.getJointId(name)].idx_v] = limit
     model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
     return model
 
@@ -508,213 +507,23 @@ def _notes(
     return notes
 
 
-# --- what an MJCF file says beside bodies and joints: gravity, actuators, and what is left out
-
-
-def _numbers(text: str, count: int | None, path: Path, where: str) -> np.ndarray:
-    """The finite numbers of an attribute, shape (count,).
-
-    Raises:
-        InputError: not as many, or none.
-    """
-    try:
-        values = np.array(text.split(), dtype=float)
-    except ValueError:
-        values = np.array([np.nan])
-    if not (values.size and np.isfinite(values).all() and count in (None, len(values))):
-        wanted = "numbers" if count is None else f"{count} numbers"
-        raise InputError(
-            f"expected {'a number' if count == 1 else wanted}, got {text!r}",
-            "correct the attribute",
-            file=path,
-            where=where,
-        )
-    return values
-
-
-def gravity_of(description: Description) -> np.ndarray | None:
-    """Gravity of ``<option>`` in the world's frame [m/s^2], shape (3,); ``None`` if the file does not say.
-
-    Raises:
-        InputError: it is not three numbers.
-    """
-    root = description.root
-    if root.find("option/flag[@gravity='disable']") is not None:
-        return np.zeros(3)
-    given = [option.get("gravity", "") for option in root.findall("option[@gravity]")]
-    if not given:
-        return None
-    return _numbers(given[-1], 3, description.file, "<option gravity>")
-
-
-def check_references(description: Description, joints: Sequence[str]) -> None:
-    """Check that the positions of these joints count from the pose that the file draws.
-
-    Raises:
-        InputError: the ``ref`` of a joint is not zero.
-    """
-    for name, joint in _joints(description, joints):
-        ref = joint.get("ref", "0")
-        if _numbers(ref, 1, description.file, f"joint {name}, ref").any():
-            raise InputError(
-                f"ref is {ref}, expected 0: positions count from the pose in which the file draws the arm",
-                "leave ref out and turn the body by it, or move the recorded positions",
-                file=description.file,
-                where=f"joint {name}",
-            )
-
-
-def _joints(
-    description: Description, names: Sequence[str]
-) -> Iterator[tuple[str, ET.Element]]:
-    """Elements of some joints."""
-    for joint in description.root.iter("joint"):
-        name = joint.get("name", "")
-        if name in names and name in description.single:
-            yield name, joint
+# --- what an MJCF file says beside bodies and joints
 
 
 def left_out(description: Description, joints: Sequence[str]) -> tuple[str, ...]:
-    """What acts on an arm by its file and is not simulated, a sentence each."""
-    root, path = description.root, description.file
-    notes = [
-        f"{what} is not read"
-        for place, what in UNREAD.items()
-        if root.find(place) is not None
-    ]
-    notes += _unread_equality(root)
+    """What acts on an arm by its MJCF file and is not simulated, and the gains of its actuators, a sentence each."""
+    path = description.file
+    notes = [said for name, said in description.unread if not name or name in joints]
     for link in description.links:
         if link.drawn and link.inertial is None and description.is_moved(link.name):
             notes.append(
                 f"body {link.name} has no <inertial> and is weighed by its shapes; give it one"
             )
-    for body in root.iter("body"):
-        name = body.get("name")
-        if _numbers(body.get("gravcomp", "0"), 1, path, f"body {name}, gravcomp").any():
-            notes.append(
-                f"gravcomp of body {name} is not read: its weight is not held up"
-            )
-    for name, joint in _joints(description, joints):
-        stiffness = joint.get("stiffness", "0")
-        if _numbers(stiffness, None, path, f"joint {name}, stiffness").any():
-            notes.append(
-                f"the spring of joint {name} (stiffness {stiffness}, springref {joint.get('springref', '0')}) is not "
-                "read; give it as the effect parallel_spring"
-            )
-    return tuple(f"{path}: {note}" for note in notes)
-
-
-def _unread_equality(root: ET.Element) -> Iterator[str]:
-    """Constraints other than joints that follow another one in proportion."""
-    for element in root.findall("equality/*"):
-        terms = coefficients(element)
-        straight = terms is not None and not terms[2:].any()
-        if element.tag == "joint" and element.get("joint2") and straight:
-            continue
-        ends = (element.get(key) for key in ("joint1", "joint2", "body1", "body2"))
-        between = ", ".join(filter(None, ends)) or "unnamed parts"
-        yield (
-            f"<equality><{element.tag}> of {between} is not read: what it holds together moves freely, or is locked if "
-            "it is none of the arm's joints"
+    gains = [description.single[name].gains or (0.0, 0.0) for name in joints]
+    if np.any(gains):
+        kp, kd = (", ".join(f"{x:g}" for x in own) for own in zip(*gains, strict=True))
+        notes.append(
+            f"its actuators hold positions; as the controller: of a case, kp: [{kp}], kd: [{kd}] at the rate of the "
+            "simulation"
         )
-
-
-# --- actuators: what they allow at the joints, and the gains of those that hold a position
-
-
-class _Actuator(NamedTuple):
-    """An actuator of a joint: its element, its file for messages, and the size of its gear [1]."""
-
-    element: ET.Element
-    path: Path
-    gear: float = 1.0
-
-    @property
-    def joint(self) -> str:
-        """Name of the joint that it moves."""
-        return self.element.get("joint", "")
-
-    def first(self, name: str) -> float:
-        """Size of the first number of an attribute."""
-        return float(abs(self.all(name, "1")[0]))
-
-    def all(self, name: str, default: str) -> np.ndarray:
-        """Numbers of an attribute."""
-        where = f"actuator of joint {self.joint}, {name}"
-        return _numbers(self.element.get(name, default), None, self.path, where)
-
-    def range(self, of: str) -> float:
-        """What a range allows to either side; infinite if there is none."""
-        return _range(self.element, of, self.path, f"actuator of joint {self.joint}")
-
-
-def _range(element: ET.Element, of: str, path: Path, place: str) -> float:
-    text = element.get(f"{of}range")
-    if text is None or element.get(f"{of}limited", "auto") == "false":
-        return np.inf
-    return float(np.abs(_numbers(text, 2, path, f"{place}, {of}range")).min())
-
-
-def _actuators(description: Description) -> Iterator[_Actuator]:
-    for element in description.root.findall("actuator/*"):
-        one = _Actuator(element, description.file)
-        yield one._replace(gear=one.first("gear"))
-
-
-DRIVES = ("general", "motor")
-"""Actuators of which a limit of the control is one of the torque."""
-
-
-def torque_limits(description: Description) -> dict[str, float]:
-    """Torque limit of each joint that has one [N m]: the least that the joint and its actuators allow, to either side.
-
-    A joint's ``actuatorfrcrange``, an actuator's ``forcerange``, and of motors ``ctrlrange``, both times its gear.
-
-    Raises:
-        InputError: a range is not two numbers.
-    """
-    path = description.file
-    limits = {
-        name: _range(joint, "actuatorfrc", path, f"joint {name}")
-        for name, joint in _joints(description, tuple(description.single))
-    }
-    for one in _actuators(description):
-        limit = one.range("force")
-        # only of a plain motor the control is a torque
-        plain = one.element.get("biastype", "none") == "none"
-        if one.element.tag in DRIVES and plain:
-            limit = min(limit, one.first("gainprm") * one.range("ctrl"))
-        limits[one.joint] = min(limits.get(one.joint, np.inf), one.gear * limit)
-    return {joint: limit for joint, limit in limits.items() if limit < np.inf}
-
-
-def position_gains(description: Description, joints: Sequence[str]) -> tuple[str, ...]:
-    """A note with the gains of position actuators as the ``controller:`` of a case, if the arm's joints have any.
-
-    A ``position`` actuator commands gear kp (u - gear q) - gear^2 kv dq: kp and kd about the joint are gear^2 times its
-    own; a ``general`` one whose ``biastype`` is affine has kp and kd in ``biasprm`` [b0, -kp, -kd].
-    """
-    gains = {}
-    for one in _actuators(description):
-        if one.joint in joints and (own := _own_gains(one)) is not None:
-            gains[one.joint] = one.gear**2 * np.array(own)
-    if not gains:
-        return ()
-    kp, kd = np.array([gains.get(name, np.zeros(2)) for name in joints]).T
-    listed = [", ".join(f"{gain:g}" for gain in each) for each in (kp, kd)]
-    return (
-        f"{description.file}: its actuators hold positions; as the controller: of a case, kp: [{listed[0]}], kd: "
-        f"[{listed[1]}] at the rate of the simulation",
-    )
-
-
-def _own_gains(one: _Actuator) -> tuple[float, float] | None:
-    """kp and kd of an actuator before its gear, ``None`` of one that holds neither position nor velocity."""
-    if one.element.tag == "position":
-        return one.first("kp"), float(one.all("kv", "0")[0])
-    if one.element.tag == "velocity":
-        return 0.0, one.first("kv")
-    if one.element.tag == "general" and one.element.get("biastype") == "affine":
-        _, kp, kd = np.r_[-one.all("biasprm", "0"), 0.0, 0.0][:3]
-        return float(kp), float(kd)
-    return None
+    return tuple(f"{path}: {note}" for note in notes)

@@ -281,8 +281,13 @@ def roll_outs(
             q, dq = stepper(q, dq, held)
         # written so that a speed that is not a number counts as too fast
         if not np.abs(dq).max() < UNSTABLE_SPEED:
-            t = i / controller.rate + np.array([c.t[0] for c in commands])
-            raise _ran_away(dq[:, places], t)
+            row, joint = np.argwhere(~(np.abs(dq[:, places]) < UNSTABLE_SPEED))[0]
+            t = commands[row].t[0] + i / controller.rate
+            raise GapscopeError(
+                f"the rolled out arm diverged at joint {joint + 1}, at t = {t:.3g} s",
+                "check (a) the controller's gains and units, (b) that the parameters make a positive mass matrix, "
+                "(c) that reference and recording belong together",
+            )
     out = []
     for k, c in enumerate(commands):
         rows = slice(len(c.t)), k
@@ -300,16 +305,6 @@ def together(series: Sequence[np.ndarray]) -> np.ndarray:
         held = np.repeat(rows[-1:], longest - len(rows), axis=0)
         padded.append(np.concatenate([rows, held]))
     return np.stack(padded, axis=1)
-
-
-def _ran_away(dq: np.ndarray, t: np.ndarray) -> GapscopeError:
-    """The error that names the first joint that is too fast; dq of shape (R, n), t of shape (R,)."""
-    row, joint = np.argwhere(~(np.abs(dq) < UNSTABLE_SPEED))[0]
-    return GapscopeError(
-        f"the rolled out arm diverged at joint {joint + 1}, at t = {t[row]:.3g} s",
-        "check (a) the controller's gains and units, (b) that the parameters make a positive mass matrix, "
-        "(c) that reference and recording belong together",
-    )
 
 
 # How rolled out motions and torques depend on the parameters: forward sensitivities of the closed loop.

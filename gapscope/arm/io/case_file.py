@@ -18,7 +18,7 @@ from gapscope.arm.controller import Controller, Integrator
 from gapscope.arm.errors import LONGEST_SHOWN, InputError
 from gapscope.arm.input_file import is_file, is_folder, read_text, real_path
 from gapscope.arm.io.formats.lerobot import dataset_files, is_dataset
-from gapscope.arm.io.json_file import LARGEST_WHOLE, plain, schema_fault
+from gapscope.arm.io.json_file import LARGEST_WHOLE, field, plain, schema_fault
 from gapscope.arm.known_load import KnownLoad
 
 # The text of a case file: YAML checked against ``case.schema.json``, faults reported in plain sentences.
@@ -60,8 +60,16 @@ class _Loader(yaml.SafeLoader):
         self, node: yaml.MappingNode, deep: bool = False
     ) -> dict[Any, Any]:
         """Mapping of a YAML node, each key once."""
-        if isinstance(node, yaml.MappingNode):
-            _check_keys(node)
+        seen = set()
+        for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"key {key.value!r} is given twice",
+                    problem_mark=key.start_mark,
+                )
+            seen.add(key.value)
         return super().construct_mapping(node, deep)
 
     def construct_whole(self, node: yaml.ScalarNode) -> int:
@@ -73,20 +81,6 @@ class _Loader(yaml.SafeLoader):
                 problem_mark=node.start_mark,
             )
         return number
-
-
-def _check_keys(node: yaml.MappingNode) -> None:
-    """Check that a mapping has each of its keys once."""
-    seen = set()
-    for key, _ in node.value:
-        if not isinstance(key, yaml.ScalarNode):
-            continue
-        if key.value in seen:
-            raise yaml.MarkedYAMLError(
-                problem=f"key {key.value!r} is given twice",
-                problem_mark=key.start_mark,
-            )
-        seen.add(key.value)
 
 
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_whole)
@@ -197,27 +191,14 @@ def check(content: Any, path: Path | None, section: str = "", prefix: str = "") 
     error = schema_fault(content, "case", section)
     if error is None:
         return
-    field = _field([*filter(None, [prefix]), *error.absolute_path])
+    # list entries count from 1 as joints do
+    place = field([*filter(None, [prefix]), *error.absolute_path], first=1)
     message, remedy = _sentence(
         error.validator, error.validator_value, error.instance, error.schema
     )
     raise InputError(
-        message, remedy, file=path, where=f"field {field}" if field else ""
+        message, remedy, file=path, where=f"field {place}" if place else ""
     )
-
-
-def _field(path: Any) -> str:
-    """``import.q.unit`` or ``recordings[1]``; list entries count from 1 as joints do."""
-    text = ""
-    for part in path:
-        text += (
-            f"[{part + 1}]"
-            if isinstance(part, int)
-            else f".{part}"
-            if text
-            else str(part)
-        )
-    return text
 
 
 def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, str]:

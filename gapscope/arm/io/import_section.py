@@ -161,14 +161,26 @@ def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]
     """The attributes of an import section; errors name the field alone."""
     found = {key: section[key] for key in ("topic", "join") if key in section}
     if "signs" in section or "offsets" in section:
-        found["turned"] = _turned(section, n)
+        same = Columns.identity(n)
+        signs = _per_joint(section.get("signs", same.factor), n, "signs")
+        offsets = _per_joint(section.get("offsets", same.offset), n, "offsets")
+        torque = replace(same, factor=tuple(map(float, signs)))
+        motion = replace(torque, offset=tuple(map(float, offsets)))
+        turned = {"motion": motion, "torque": torque, "sensor": torque}
+        found["turned"] = Reading.identity(n, **turned)
     if "joints" in section:
         joints = _per_joint(section["joints"], n, "joints")
         found["joints"] = tuple(map(str, joints))
     if "transmission" in section:
         found["transmission"] = _transmission(section["transmission"], n)
     for key, ranges in section.get("rows", {}).items():
-        found[key] = _ranges(ranges, key)
+        # [first, last], or a list of those
+        pairs = [ranges] if isinstance(ranges[0], int) else ranges
+        for pair in pairs:
+            if not isinstance(pair, list) or len(pair) != 2 or pair[0] > pair[1]:
+                said = f"expected [first, last] or a list of those, got {ranges}"
+                raise _fault(f"rows.{key}", said)
+        found[key] = tuple((int(first), int(last)) for first, last in pairs)
     for key, episodes in section.get("episodes", {}).items():
         found[f"{key}_episodes"] = tuple(episodes)
     if "calibration" in section:
@@ -208,16 +220,6 @@ def _per_joint(values: Sequence[Any], n_joints: int, key: str) -> Sequence[Any]:
     return values
 
 
-def _turned(section: Mapping[str, Any], n_joints: int) -> Reading:
-    """Signs and offsets of an import section."""
-    same = Columns.identity(n_joints)
-    signs = _per_joint(section.get("signs", same.factor), n_joints, "signs")
-    offsets = _per_joint(section.get("offsets", same.offset), n_joints, "offsets")
-    torque = replace(same, factor=tuple(map(float, signs)))
-    motion = replace(torque, offset=tuple(map(float, offsets)))
-    return Reading.identity(n_joints, motion=motion, torque=torque, sensor=torque)
-
-
 def _time(entry: str | int | Mapping[str, Any]) -> TimeColumn:
     if not isinstance(entry, Mapping):
         return TimeColumn(str(entry))
@@ -233,17 +235,6 @@ def _time(entry: str | int | Mapping[str, Any]) -> TimeColumn:
         return TimeColumn(column, UNITS[entry.get("unit", "s")], file=file)
     counted = column if "column" in entry else None
     return TimeColumn(counted, rate=float(rate), file=file)
-
-
-def _ranges(entry: list[Any], key: str) -> tuple[tuple[int, int], ...]:
-    """``[first, last]`` or a list of those."""
-    pairs = [entry] if isinstance(entry[0], int) else entry
-    for pair in pairs:
-        if not isinstance(pair, list) or len(pair) != 2 or pair[0] > pair[1]:
-            raise _fault(
-                f"rows.{key}", f"expected [first, last] or a list of those, got {entry}"
-            )
-    return tuple((int(first), int(last)) for first, last in pairs)
 
 
 # The transmission: q_motor = R q_joint.

@@ -72,9 +72,11 @@ def schema_fault(
     return best_match(Draft202012Validator(form).iter_errors(content))
 
 
-def field(path: Iterable[str | int]) -> str:
-    """A path in a document as in Python: ``effects[0].share``."""
-    steps = [f"[{step}]" if isinstance(step, int) else f".{step}" for step in path]
+def field(path: Iterable[str | int], first: int = 0) -> str:
+    """A path in a document as in Python, ``effects[0].share``; entries of lists count from ``first``."""
+    steps = [
+        f"[{step + first}]" if isinstance(step, int) else f".{step}" for step in path
+    ]
     return "".join(steps).lstrip(".")
 
 

@@ -755,14 +755,11 @@ def joined_in_time(recordings: Sequence[Recording]) -> list[Recording]:
     # what came before a file has its final time by then
     for after in sorted(range(len(out)), key=lambda k: float(out[k].stamps[0])):
         other = out[after]
-        ended = [one for one in out if _goes_on(one, other)]
+        # by the clock of both
+        begin = other.begun + other.t[0]
+        steps = [(one, begin - (one.begun + one.t[-1])) for one in out]
+        ended = [one for one, step in steps if 0.0 < step <= GAP_STEPS / one.rate]
         if ended:
             later = other.begun - ended[0].begun
             out[after] = replace(other, t=other.t + later, begun=ended[0].begun)
     return out
-
-
-def _goes_on(one: Recording, other: Recording) -> bool:
-    """Whether a recording begins where another one ended, by the clock of both."""
-    step = (other.begun + other.t[0]) - (one.begun + one.t[-1])
-    return bool(0.0 < step <= GAP_STEPS / one.rate)

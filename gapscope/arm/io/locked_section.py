@@ -7,7 +7,7 @@ import os
 import socket
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -29,19 +29,22 @@ def locked(folder: Path | None) -> Iterator[None]:
     Raises:
         GapscopeError: another process holds the folder, or it cannot be written to.
     """
-    with nullcontext() if folder is None else _held(folder):
+    if folder is None:
         yield
-
-
-@contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    made = not folder.exists()
-    file = folder / LOCK
+        return
+    made, file = not folder.exists(), folder / LOCK
     lock = FileLock(file)
+    # what another run is told about this one
+    run = {
+        "pid": os.getpid(),
+        "host": socket.gethostname(),
+        "since": datetime.now().astimezone().isoformat(" ", "seconds"),
+        "command": " ".join(["gapscope", *sys.argv[1:]]),
+    }
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock.acquire(timeout=0)
-        file.write_text(json.dumps(_this_run()), encoding="utf-8")
+        file.write_text(json.dumps(run), encoding="utf-8")
     except Timeout:
         raise GapscopeError(
             f"{folder}: another run writes to this folder{_holder(file)}",
@@ -63,14 +66,6 @@ def _held(folder: Path) -> Iterator[None]:
         if made:
             with suppress(OSError):  # holds results
                 folder.rmdir()
-
-
-def _this_run() -> dict[str, str | int]:
-    """What another run is told about this one."""
-    command = " ".join(["gapscope", *sys.argv[1:]])
-    since = datetime.now().astimezone().isoformat(" ", "seconds")
-    here = socket.gethostname()
-    return {"pid": os.getpid(), "host": here, "since": since, "command": command}
 
 
 def _holder(file: Path) -> str:

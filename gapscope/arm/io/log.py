@@ -57,8 +57,15 @@ def open_log(path: str | Path) -> Log:
     if is_folder(path):
         if is_dataset(path):
             return read_dataset(path)
-        _check_bag_folder(path)
-        return read_bag(path)
+        # whatever it is: what is no regular file is refused by name
+        if os.path.lexists(path / METADATA):
+            return read_bag(path)
+        logs = [x.name for x in bag_files(path) if x.suffix.lower() in READERS]
+        raise InputError(
+            f"is a folder with neither {METADATA} of a rosbag2 nor {INFO} of a LeRobot dataset",
+            f"give one of its files: {shortened(logs)}" if logs else CHECK_PATH,
+            file=path,
+        )
     check_file(path, CHECK_PATH)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
@@ -84,20 +91,3 @@ def check_no_log(path: Path) -> None:
             f"gapscope inspect {path} tells what is in it, and with --robot and --out makes a case of it",
             file=path,
         )
-
-
-def _check_bag_folder(path: Path) -> None:
-    """Check that a folder has what makes it a rosbag2 folder.
-
-    Raises:
-        InputError: it has not.
-    """
-    # whatever it is: what is no regular file is refused by name
-    if os.path.lexists(path / METADATA):
-        return
-    logs = [file.name for file in bag_files(path) if file.suffix.lower() in READERS]
-    raise InputError(
-        f"is a folder with neither {METADATA} of a rosbag2 nor {INFO} of a LeRobot dataset",
-        f"give one of its files: {shortened(logs)}" if logs else CHECK_PATH,
-        file=path,
-    )

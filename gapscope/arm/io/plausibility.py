@@ -13,7 +13,7 @@ from gapscope.arm.io.layouts import UNITS
 from gapscope.arm.io.table import LARGEST_NUMBER, Table, runs
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import MOST, STILL, Recording
+from gapscope.arm.recording import MOST, STILL, Recording, kept_values
 
 # The clock of a recording: how even its stamps are, and whether its rows were taken evenly though stamped unevenly.
 #
@@ -243,23 +243,25 @@ def check_positions(
         allowed = max(abs(lower), abs(upper))
         # beyond a turn and far outside the limits: another unit or side, not a bad limit
         if reach > 7 * size and reach > 1.5 * allowed and not any_unit:
-            guess = "mm" if arm.sliding[j] else "deg"
+            guess, words = (
+                ("mm", "millimetres") if arm.sliding[j] else ("deg", "degrees")
+            )
             fits = reach * UNITS[guess] <= 1.2 * allowed
-            raise _other_unit(range_text, guess if fits else "", table, f"q{j + 1}")
+            remedy = "check the unit, the order of the joints and the transmission in the case's import section"
+            if fits:
+                range_text += f": looks like {words}"
+                remedy = (
+                    f"say in the case: import: {{q: {{column: ..., unit: {guess}}}}}"
+                )
+            raise InputError(
+                range_text,
+                f"{remedy}; {DIAGNOSE_FIRST}",
+                file=table.path,
+                where=f"column q{j + 1}",
+            )
         if low < lower - 0.1 * size or high > upper + 0.1 * size:
             notes.append(f"{range_text}: check unit, offset and order of the joints")
     return tuple(notes)
-
-
-def _other_unit(range_text: str, guess: str, table: Table, column: str) -> InputError:
-    """The error on positions that cannot be radians, or metres, on the joint's side; the unit that fits, if any."""
-    remedy = "check the unit, the order of the joints and the transmission in the case's import section"
-    if guess:
-        words = {"deg": "degrees", "mm": "millimetres"}[guess]
-        range_text += f": looks like {words}"
-        remedy = f"say in the case: import: {{q: {{column: ..., unit: {guess}}}}}"
-    remedy = f"{remedy}; {DIAGNOSE_FIRST}"
-    return InputError(range_text, remedy, file=table.path, where=f"column {column}")
 
 
 def without_turns(
@@ -272,7 +274,11 @@ def without_turns(
     positions = {name: values[name] for name in ("q", "q_ref") if name in values}
     turned = np.zeros(values["q"].shape[1], dtype=bool)
     for x in positions.values():
-        turned |= _restarts_after_a_turn(x)
+        step = np.abs(np.diff(x, axis=0))
+        by_a_turn = np.abs(step - 2 * np.pi) < TURN_TOLERANCE
+        # positions in another unit have steps of all sizes
+        plain = (by_a_turn | (step < TURN_TOLERANCE)).all(axis=0)
+        turned |= by_a_turn.any(axis=0) & plain
     if not turned.any():
         return values, ()
     # where one joint starts again after a turn, those that did not get there count likewise
@@ -286,15 +292,6 @@ def without_turns(
         out[name] = np.where(counted, steady, x)
     joints = ", ".join(f"q{j + 1}" for j in np.flatnonzero(turned))
     return out, (f"jumps by a turn between two samples taken back: {joints}",)
-
-
-def _restarts_after_a_turn(x: np.ndarray) -> np.ndarray:
-    """Which joints' positions x [rad], (N, n), jump by a turn and make small steps else; (n,)."""
-    step = np.abs(np.diff(x, axis=0))
-    by_a_turn = np.abs(step - 2 * np.pi) < TURN_TOLERANCE
-    # positions in another unit have steps of all sizes
-    plain = (by_a_turn | (step < TURN_TOLERANCE)).all(axis=0)
-    return np.asarray(by_a_turn.any(axis=0) & plain)
 
 
 def repeated_rows(
@@ -312,24 +309,18 @@ def repeated_rows(
         notes.append(
             f"rows dropped that repeat the time stamp before them: {stamp.sum()}"
         )
-    stale = _stored_twice(values, len(t)) & ~stamp
+    stale = np.zeros(len(t), dtype=bool)
+    if "dq" in values or "tau" in values:
+        same = np.r_[False, np.ones(len(t) - 1, dtype=bool)]
+        for name in ("q", "dq", "tau", "tau_sensor"):
+            if name in values:
+                same[1:] &= (values[name][1:] == values[name][:-1]).all(axis=1)
+        for rows in runs(same):
+            stale[rows] = rows.stop - rows.start <= 3 and rows.stop < len(t)
+    stale &= ~stamp
     if stale.any():
         notes.append(f"{REPEATED}{stale.sum()} ({stale.mean():.2%})")
     return stamp | stale, tuple(notes)
-
-
-def _stored_twice(values: dict[str, np.ndarray], count: int) -> np.ndarray:
-    """Rows that repeat every measured channel of the row before them, in runs of one to three; mask (count,)."""
-    stale = np.zeros(count, dtype=bool)
-    if "dq" not in values and "tau" not in values:
-        return stale
-    same = np.r_[False, np.ones(count - 1, dtype=bool)]
-    for name in ("q", "dq", "tau", "tau_sensor"):
-        if name in values:
-            same[1:] &= (values[name][1:] == values[name][:-1]).all(axis=1)
-    for rows in runs(same):
-        stale[rows] = rows.stop - rows.start <= 3 and rows.stop < count
-    return stale
 
 
 def untrusted_torque(
@@ -368,16 +359,6 @@ def _is_unsigned(q: np.ndarray, tau: np.ndarray) -> bool:
     to_and_fro = both_ways & (np.ptp(q, axis=0) > 2 * STILL)
     touches_zero = tau.min(axis=0) < 0.05 * tau.max(axis=0)
     return bool(to_and_fro.sum() >= 2 and touches_zero[to_and_fro].all())
-
-
-def gap_notes(t: np.ndarray) -> tuple[str, ...]:
-    """A note if samples are missing: steps of t [s] longer than 2.5 usual ones."""
-    step = np.diff(t)
-    usual = np.median(step)
-    wide = step > LOST_SAMPLE_STEP * usual
-    if not wide.any():
-        return ()
-    return (f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s",)
 
 
 # Spikes: one or two samples that leave their neighbours and come back, as bit errors and lost words make them.
@@ -461,31 +442,19 @@ def spikes(series: np.ndarray, least: float, *, ends: bool = True) -> np.ndarray
     places = np.arange(len(series))
     cleaned = _bridged(places, series, np.flatnonzero(found))
     for end in (cleaned, cleaned[::-1]) if ends else ():
-        _straighten(end, EDGE_ROUGHNESS * threshold)
+        # the first two samples on the line through those after them, if they are farther off
+        for k in (1, 0):
+            expected = 2 * end[k + 1] - end[k + 2]
+            if abs(end[k] - expected) > EDGE_ROUGHNESS * threshold:
+                end[k] = expected
     # a spike moves the median of its neighbours as well
     found = np.abs(series - cleaned) > threshold
-    found &= _comes_back(series, found)
-    return np.flatnonzero(found) if found.mean() <= MAX_SPIKES else none
-
-
-def _comes_back(series: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Which samples lie farther from those beside them, found ones left out, than these from each other, (N,).
-
-    Beside a leap, as of an encoder that was stuck, they do not.
-    """
-    places = np.arange(len(series))
+    # farther from those beside it than these from each other; beside a leap, as of an encoder that was stuck, it is not
     good = places[~found]
     after = np.clip(np.searchsorted(good, places), 1, len(good) - 1)
     left, right = series[good[after - 1]], series[good[after]]
-    return np.asarray(np.abs(series - 0.5 * (left + right)) > np.abs(right - left))
-
-
-def _straighten(series: np.ndarray, most: float) -> None:
-    """Put the first two samples of a series on the line through those after them if they are farther off."""
-    for k in (1, 0):
-        expected = 2 * series[k + 1] - series[k + 2]
-        if abs(series[k] - expected) > most:
-            series[k] = expected
+    found &= np.abs(series - 0.5 * (left + right)) > np.abs(right - left)
+    return np.flatnonzero(found) if found.mean() <= MAX_SPIKES else none
 
 
 def _bridged(t: np.ndarray, series: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -517,34 +486,21 @@ def stuck_rows(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, tuple[str, ...
         t: time [s], (N,).
         q: positions, any unit, (N, n).
     """
-    stuck = np.zeros(len(t), dtype=bool)
-    joints = []
+    stuck = np.zeros(q.shape, dtype=bool)
     for j, series in enumerate(q.T):
-        own = _stuck(t, series)
-        stuck |= own
-        if own.any():
-            joints.append(f"q{j + 1}")
+        starts, stops = kept_values(series)
+        leap = np.abs(np.diff(series[starts], append=series[-1]))
+        usual = np.median(leap[:-1]) if len(leap) > 1 else np.inf
+        long = t[stops - 1] - t[starts] >= STUCK_TIME
+        for place in np.flatnonzero(long & (leap > LEAP * usual)):
+            # the first of them was measured
+            stuck[starts[place] + 1 : stops[place], j] = True
+    joints = [f"q{j + 1}" for j in np.flatnonzero(stuck.any(axis=0))]
+    rows = np.asarray(stuck.any(axis=1))
     if not joints:
-        return stuck, ()
-    note = f"{LEFT_OUT}{stuck.sum()} ({stuck.mean():.2%}), {', '.join(joints)}"
-    return stuck, (note,)
-
-
-def _stuck(t: np.ndarray, series: np.ndarray) -> np.ndarray:
-    """Rows in which one joint's position, (N,), is stuck."""
-    steps = np.diff(series)
-    edges = np.flatnonzero(steps) + 1
-    starts, stops = np.r_[0, edges], np.r_[edges, len(series)]
-    out = np.zeros(len(series), dtype=bool)
-    if not len(edges):
-        return out
-    usual = np.median(np.abs(steps[edges - 1]))
-    leap = np.r_[np.abs(steps[edges - 1]), 0.0]
-    long = t[stops - 1] - t[starts] >= STUCK_TIME
-    for place in np.flatnonzero(long & (leap > LEAP * usual)):
-        # the first of them was measured
-        out[starts[place] + 1 : stops[place]] = True
-    return out
+        return rows, ()
+    note = f"{LEFT_OUT}{rows.sum()} ({rows.mean():.2%}), {', '.join(joints)}"
+    return rows, (note,)
 
 
 # All of this, in the order in which a reader does it.
@@ -566,15 +522,19 @@ def put_right(
         every_row: leave spikes and rows that are stuck as they are.
     """
     notes: list[str] = []
-    for step in (without_turns, untrusted_torque):
-        values, found = step(values)
+    for mend in (without_turns, untrusted_torque):
+        values, found = mend(values)
         notes += found
     if not every_row:
         values, found = without_spikes(t, values, per_radian)
         stuck, said = stuck_rows(t, values["q"])
         t, values = without_rows(stuck, t, values)
         notes += found + said
-    return t, values, (*notes, *gap_notes(t))
+    step = np.diff(t)
+    wide = step > LOST_SAMPLE_STEP * np.median(step)
+    if wide.any():
+        notes.append(f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s")
+    return t, values, tuple(notes)
 
 
 def without_rows(

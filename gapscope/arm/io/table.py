@@ -82,12 +82,7 @@ class Table:
                 "correct rows: in the import section",
                 file=self.path,
             )
-        cut = slice(first, last + 1)
-        columns = {name: cells[cut] for name, cells in self.columns.items()}
-        rows = self.row_numbers[cut]
-        return replace(
-            self, columns=columns, places=self.places[cut], numbers_of_rows=rows
-        )
+        return self.some(slice(first, last + 1))
 
     @property
     def row_numbers(self) -> Sequence[int]:
@@ -96,20 +91,19 @@ class Table:
             return range(len(self))
         return self.numbers_of_rows
 
-    def some(self, rows: np.ndarray) -> Table:
-        """The rows of a mask, (N,)."""
-        chosen = rows.tolist()
-        columns = {
-            name: cells[rows]
-            if isinstance(cells, np.ndarray)
-            else list(compress(cells, chosen))
-            for name, cells in self.columns.items()
-        }
+    def some(self, rows: np.ndarray | slice) -> Table:
+        """The rows of a mask, (N,), or of a slice."""
+
+        def chosen(cells: Any) -> Any:
+            if isinstance(cells, np.ndarray) or isinstance(rows, slice):
+                return cells[rows]
+            return list(compress(cells, rows.tolist()))
+
         return replace(
             self,
-            columns=columns,
-            places=list(compress(self.places, chosen)),
-            numbers_of_rows=list(compress(self.row_numbers, chosen)),
+            columns={name: chosen(cells) for name, cells in self.columns.items()},
+            places=chosen(self.places),
+            numbers_of_rows=chosen(self.row_numbers),
         )
 
     def where(self, row: int, column: str) -> str:

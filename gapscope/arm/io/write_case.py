@@ -47,7 +47,10 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
         elif path.suffix == ".csv":
             _write_csv(numbered(channels), aside)
         else:
-            _write_parquet(numbered(channels), aside)
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+
+            pq.write_table(pa.table(numbered(channels)), aside)
     return path
 
 
@@ -68,13 +71,6 @@ def _write_csv(columns: dict[str, np.ndarray], path: Path) -> None:
         writer.writerows(
             zip(*(column.tolist() for column in columns.values()), strict=True)
         )
-
-
-def _write_parquet(columns: dict[str, np.ndarray], path: Path) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    pq.write_table(pa.table(columns), path)
 
 
 def write_case(

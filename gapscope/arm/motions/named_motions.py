@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import cycle
 from typing import NamedTuple
 
@@ -198,7 +197,15 @@ def workspace(
         InputError: the posture has another number of joints, or lies outside the limits.
     """
     if limits is None:
-        limits = _own_limits(body)
+        # with the margin, but for half of a narrow range at least
+        widest = urdf_limits(body, ACCELERATION, margin=0.0)
+        own = urdf_limits(body, ACCELERATION, margin=MARGIN)
+        narrow = NARROW * (widest.upper - widest.lower)
+        limits = own._replace(
+            lower=np.minimum(own.lower, widest.lower + narrow),
+            upper=np.maximum(own.upper, widest.upper - narrow),
+            velocity=np.minimum(own.velocity, SPEED),
+        )
     kinematics = Kinematics(body)
     if posture is None:
         posture = working_posture(kinematics, limits)
@@ -219,18 +226,6 @@ def workspace(
     return Workspace(kinematics, limits, posture)
 
 
-def _own_limits(body: RigidBody) -> Limits:
-    """Limits of the URDF with the margin, and those of speed and acceleration that the motions have."""
-    widest = urdf_limits(body, ACCELERATION, margin=0.0)
-    limits = urdf_limits(body, ACCELERATION, margin=MARGIN)
-    narrow = NARROW * (widest.upper - widest.lower)
-    return limits._replace(
-        lower=np.minimum(limits.lower, widest.lower + narrow),
-        upper=np.maximum(limits.upper, widest.upper - narrow),
-        velocity=np.minimum(limits.velocity, SPEED),
-    )
-
-
 def draw_motion(
     name: str, rng: np.random.Generator, space: Workspace, duration: float
 ) -> ReferenceMotion:
@@ -249,9 +244,27 @@ def draw_motion(
     check_motion_name(name, space.kinematics.n_joints)
     if name == "random":
         name = str(rng.choice(motions_for(space.kinematics.n_joints)))
+    limits, q = space.limits, space.posture
     if name == "fourier":
-        return _fourier(rng, space, duration)
-    return _fill_with_legs(rng, space, duration, LEGS[name])
+        frequency = float(rng.uniform(0.1, 0.3))
+        shift = rng.uniform(-0.2, 0.2, len(q)) * _room_to_limits(space)
+        return Fourier.random(
+            rng,
+            limits,
+            duration=duration,
+            centre=q + shift,
+            frequency=frequency,
+            ramp=min(1.0, duration / 3),
+        )
+    # legs in turn, from the working posture on, until the duration is filled
+    parts: list[Timed] = []
+    for leg in cycle(LEGS[name]):
+        if sum(part.duration for part in parts) >= duration:
+            break
+        found = _leg(leg, rng, space, q)
+        parts += found
+        q = _end(found[-1]) if found else q
+    return chain(parts)
 
 
 def check_motion_name(name: str, n_joints: int) -> None:
@@ -279,96 +292,43 @@ def motions_for(n_joints: int) -> tuple[str, ...]:
     )
 
 
-def _fourier(
-    rng: np.random.Generator, space: Workspace, duration: float
-) -> ReferenceMotion:
-    limits, posture = space.limits, space.posture
-    frequency = float(rng.uniform(0.1, 0.3))
-    centre = posture + rng.uniform(-0.2, 0.2, len(posture)) * _room_to_limits(space)
-    return Fourier.random(
-        rng,
-        limits,
-        duration=duration,
-        centre=centre,
-        frequency=frequency,
-        ramp=min(1.0, duration / 3),
-    )
-
-
 STRAIGHT_LINE_MOTIONS = ("weld_seam", "pick", "place")
 """Those that hold straight lines of the tool."""
 
-Leg = Callable[[np.random.Generator, Workspace, np.ndarray], tuple[Timed, ...]]
-"""Draws the next motions from the joint positions [rad] at which the arm rests, shape (n,)."""
 
+def _leg(
+    kind: str, rng: np.random.Generator, space: Workspace, now: np.ndarray
+) -> tuple[Timed, ...]:
+    """The next motions from the joint positions at which the arm rests [rad], shape (n,).
 
-def _fill_with_legs(
-    rng: np.random.Generator, space: Workspace, duration: float, legs: tuple[Leg, ...]
-) -> Curve:
-    """Legs in turn, from the working posture on, until the duration [s] is filled."""
-    parts: list[Timed] = []
-    q = space.posture
-    filled = 0.0
-    for leg in cycle(legs):
-        if filled >= duration:
-            break
-        for part in leg(rng, space, q):
-            parts.append(part)
-            filled += part.duration
-            q = _end(part)
-    return chain(parts)
+    Args:
+        kind: ``posture``, another one, up to half as fast as the limits allow; ``home``, the working posture; ``seam``,
+            a horizontal line at 0.05 to 0.2 m/s; ``object``, straight down to it, a rest while the gripper acts, and
+            straight up again.
+        rng: source of postures and lines.
+        space: where the arm moves.
+        now: where it rests.
+    """
+    if kind == "home":
+        return _move_and_rest(now, space.posture, space.limits)
+    if kind == "posture":
+        to, slower = _draw_posture(rng, space), float(rng.uniform(1.0, 2.0))
+        return _move_and_rest(now, to, space.limits, slower)
+    direction, speed = np.array([0.0, 0.0, -1.0]), 0.25
+    if kind == "seam":
+        angle, speed = rng.uniform(-np.pi, np.pi), float(rng.uniform(0.05, 0.2))
+        direction = np.array([np.cos(angle), np.sin(angle), 0.0])
+    start, line = _draw_straight_line(rng, space, direction, speed)
+    parts: list[Timed] = [*_move_and_rest(now, start, space.limits)]
+    for way in (line,) if kind == "seam" else (line, backwards(line)):
+        end = _end(way)
+        parts += [way, point_to_point(end, end, DWELL)]
+    return tuple(parts)
 
 
 def _end(motion: Timed) -> np.ndarray:
     """Joint positions at the end of a motion [rad], shape (n,)."""
     return motion.position(np.array([motion.duration]))[0]
-
-
-def _move_to_random_posture(
-    rng: np.random.Generator, space: Workspace, now: np.ndarray
-) -> tuple[Timed, ...]:
-    """To another posture, up to half as fast as the limits allow, and a rest there."""
-    return _move_and_rest(
-        now,
-        _draw_posture(rng, space),
-        space.limits,
-        slower=float(rng.uniform(1.0, 2.0)),
-    )
-
-
-def _return_to_start(
-    rng: np.random.Generator, space: Workspace, now: np.ndarray
-) -> tuple[Timed, ...]:
-    """Back to the working posture."""
-    return _move_and_rest(now, space.posture, space.limits)
-
-
-def _weld_random_seam(
-    rng: np.random.Generator, space: Workspace, now: np.ndarray
-) -> tuple[Timed, ...]:
-    """To the start of a horizontal seam, and along it at 0.05 to 0.2 m/s."""
-    angle = rng.uniform(-np.pi, np.pi)
-    speed = float(rng.uniform(0.05, 0.2))
-    direction = np.array([np.cos(angle), np.sin(angle), 0.0])
-    start, seam = _draw_straight_line(rng, space, direction, speed)
-    return *_move_and_rest(now, start, space.limits), seam, _rest_at_end(seam)
-
-
-def _go_down_and_up(
-    rng: np.random.Generator, space: Workspace, now: np.ndarray
-) -> tuple[Timed, ...]:
-    """To above an object, straight down, a rest while the gripper acts, and straight up again."""
-    above, down = _draw_straight_line(
-        rng, space, np.array([0.0, 0.0, -1.0]), speed=0.25
-    )
-    up = backwards(down)
-    return (
-        *_move_and_rest(now, above, space.limits),
-        down,
-        _rest_at_end(down),
-        up,
-        _rest_at_end(up),
-    )
 
 
 def _move_and_rest(
@@ -379,12 +339,6 @@ def _move_and_rest(
         return ()
     duration = slower * fastest(now, to, limits).duration
     return point_to_point(now, to, duration), point_to_point(to, to, DWELL)
-
-
-def _rest_at_end(motion: Timed) -> Curve:
-    """A rest at the end of a motion."""
-    end = _end(motion)
-    return point_to_point(end, end, DWELL)
 
 
 def _draw_straight_line(
@@ -420,11 +374,11 @@ def _room_to_limits(space: Workspace) -> np.ndarray:
     return np.minimum(room, 2.0)
 
 
-LEGS: dict[str, tuple[Leg, ...]] = {
-    "point_to_point": (_move_to_random_posture,),
-    "weld_seam": (_weld_random_seam,),
-    "pick": (_go_down_and_up, _return_to_start),
-    "place": (_move_to_random_posture, _go_down_and_up, _return_to_start),
+LEGS = {
+    "point_to_point": ("posture",),
+    "weld_seam": ("seam",),
+    "pick": ("object", "home"),
+    "place": ("posture", "object", "home"),
 }
 """Legs that a motion repeats in turn, by its name."""
 MOTIONS = ("fourier", *LEGS)

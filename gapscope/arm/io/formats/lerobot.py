@@ -86,12 +86,11 @@ def read_dataset(path: Path, episodes: Iterable[int] | None = None) -> Log:
         rows = range(1, len(columns["t"]) + 1)
         name = episode_name(number)
         tables.append(Table(path, columns, rows, "frame", name=name, kind=LEROBOT))
-    videos = [key for key, f in features.items() if f.get("dtype") in _PICTURES]
+    videos = [
+        key for key, f in features.items() if f.get("dtype") in ("video", "image")
+    ]
     version = f"LeRobot dataset {info.get('codebase_version', '')}".strip()
     return Log(path, version, tuple(tables), unread=tuple(videos))
-
-
-_PICTURES = ("video", "image")
 
 
 def _info(path: Path) -> Mapping[str, Any]:
