@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gapscope.agents.models import AgentModel, TorqueModel
-from gapscope.arm.control import Targets
+from gapscope.arm.control import SETTLE, Targets
 from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
@@ -18,7 +18,14 @@ from gapscope.arm.motions.named_motions import Workspace
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.velocity_filter import VelocityFilter
-from gapscope.envs.actions import DAMPING, Gains, rated_torque, scaled, torque_limit
+from gapscope.envs.actions import (
+    DAMPING,
+    Gains,
+    pd_gains,
+    rated_torque,
+    scaled,
+    torque_limit,
+)
 from gapscope.envs.arguments import check_values
 from gapscope.envs.environment import Layout
 from gapscope.envs.position_controller import VELOCITY_CUTOFF, VELOCITY_DAMPING
@@ -50,9 +57,7 @@ class Tuning:
 
     def gains(self, inertia: np.ndarray) -> Gains:
         """kp = w^2 M [N m/rad] and kd = 2 zeta w M [N m s/rad], each (n,), on inertias M [kg m^2], shape (n,)."""
-        stiffness = (2 * np.pi * self.bandwidth) ** 2
-        rate = 2 * self.damping * 2 * np.pi * self.bandwidth
-        return Gains(stiffness * inertia, rate * inertia)
+        return pd_gains(inertia, self.bandwidth, self.damping)
 
     def times(self, factor: float) -> Tuning:
         """The same with the bandwidth multiplied: kp grows with the square of the factor, kd with the factor."""
@@ -182,8 +187,6 @@ class AgentController(Feedforward):
 # Tracking: a simulated arm follows a reference, what a track is measured by, and whether the loop is stable.
 
 
-SETTLE = 0.5
-"""The start of the reference is held for this long before t = 0 [s]."""
 BEYOND = 0.25
 """Feedforward is computed this far beyond the end, for delays to look ahead [s]."""
 

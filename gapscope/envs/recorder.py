@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.case import SHORTEST, Case
-from gapscope.arm.control import ControlLoop, Targets, like_pd
+from gapscope.arm.control import SETTLE, ControlLoop, Targets, like_pd
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import steps_per_tick
@@ -42,8 +42,6 @@ from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.position_controller import SAFE, SampledLoop, position_controller
 from gapscope.envs.simulated_arm import SimulatedArm, closed_loop, diverged, fastest
 
-SETTLE = 0.5
-"""Time at the reference's start before t = 0 [s]."""
 RECENT_TICKS, POSTURE_TICKS = 1000, 50
 """Ticks before a divergence from which the postures are taken that may explain it, and from one to the next."""
 
