@@ -18,12 +18,7 @@ from gapscope.arm.dynamics.inertials import (
     set_parameters,
 )
 from gapscope.arm.dynamics.link_shapes import PlacedShape
-from gapscope.arm.dynamics.plain_urdf import (
-    link_name,
-    numbers,
-    plain_urdf,
-    rotation,
-)
+from gapscope.arm.dynamics.plain_urdf import exact_urdf, numbers, rotation
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nearest_name import check_known
@@ -80,14 +75,7 @@ def as_urdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         _set_bodies(root, arm)
         _shift_zeros(root, arm)
     else:
-        root = ET.fromstring(plain_urdf(arm.links))
-        root.set("name", arm.corrected.arm.name)
-        elements = {x.get("name"): x for x in root.findall("link")}
-        # the first body is the base
-        bodies = list(arm.body.model.inertias)[1:]
-        for link, inertia in zip(arm.links, bodies, strict=True):
-            element = elements[link_name(link.joint)]
-            set_parameters(element, inertia.toDynamicParameters())
+        root = exact_urdf(arm.corrected.arm.name, arm.links)
     for joint in root.findall("joint"):
         if joint.get("name") in arm.drives.index:
             _set_drive(joint, arm.drives.loc[joint.get("name")])
