@@ -72,13 +72,6 @@ def mean_of(
     return Mean(float(interquartile_mean(array)), float(low), float(high))
 
 
-def rank_correlation(x: Sequence[float], y: Sequence[float]) -> float | None:
-    """Spearman's rank correlation [1], or ``None`` if there are fewer than three values or all are equal."""
-    if len(x) < 3 or len(set(x)) == 1 or len(set(y)) == 1:
-        return None
-    return float(spearmanr(x, y).statistic)
-
-
 SEED = 20
 """Of the bootstrap: the same episodes give the same intervals."""
 MEASURES = ("joint_error", "tool_error", "reward", "torque_rate", "torque_error")
@@ -141,9 +134,9 @@ def summarise(evaluation: Evaluation) -> list[SummaryLine]:
 
 
 def relation(lines: Sequence[SummaryLine]) -> float | None:
-    """Spearman's correlation over models and engines of torque error and joint error [1]; ``None`` for fewer than 3.
+    """Spearman's correlation over models and engines of torque error and joint error [1].
 
-    Of the first disturbance alone.
+    Of the first disturbance alone; ``None`` for fewer than three values, or equal ones.
     """
     first = [line for line in lines if line.disturbance == lines[0].disturbance]
     known = [line for line in first if isfinite(line.means["joint_error"].value)]
@@ -151,4 +144,6 @@ def relation(lines: Sequence[SummaryLine]) -> float | None:
         [line.means[name].value for line in known]
         for name in ("torque_error", "joint_error")
     )
-    return rank_correlation(torque, joint)
+    if len(known) < 3 or len(set(torque)) == 1 or len(set(joint)) == 1:
+        return None
+    return float(spearmanr(torque, joint).statistic)

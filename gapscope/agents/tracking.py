@@ -10,15 +10,23 @@ from typing import NamedTuple
 import numpy as np
 
 from gapscope.agents.models import AgentModel, TorqueModel
-from gapscope.arm.control import Targets
+from gapscope.arm.control import SETTLE, Targets
 from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import Workspace
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.root_mean_square import rms
 from gapscope.arm.velocity_filter import VelocityFilter
-from gapscope.envs.actions import DAMPING, Gains, rated_torque, scaled, torque_limit
+from gapscope.envs.actions import (
+    DAMPING,
+    Gains,
+    pd_gains,
+    rated_torque,
+    scaled,
+    torque_limit,
+)
 from gapscope.envs.arguments import check_values
 from gapscope.envs.environment import Layout
 from gapscope.envs.position_controller import VELOCITY_CUTOFF, VELOCITY_DAMPING
@@ -50,9 +58,7 @@ class Tuning:
 
     def gains(self, inertia: np.ndarray) -> Gains:
         """kp = w^2 M [N m/rad] and kd = 2 zeta w M [N m s/rad], each (n,), on inertias M [kg m^2], shape (n,)."""
-        stiffness = (2 * np.pi * self.bandwidth) ** 2
-        rate = 2 * self.damping * 2 * np.pi * self.bandwidth
-        return Gains(stiffness * inertia, rate * inertia)
+        return pd_gains(inertia, self.bandwidth, self.damping)
 
     def times(self, factor: float) -> Tuning:
         """The same with the bandwidth multiplied: kp grows with the square of the factor, kd with the factor."""
@@ -182,8 +188,6 @@ class AgentController(Feedforward):
 # Tracking: a simulated arm follows a reference, what a track is measured by, and whether the loop is stable.
 
 
-SETTLE = 0.5
-"""The start of the reference is held for this long before t = 0 [s]."""
 BEYOND = 0.25
 """Feedforward is computed this far beyond the end, for delays to look ahead [s]."""
 
@@ -334,26 +338,25 @@ class TrackingMetrics:
         arm: the nominal arm.
         body: its rigid-body model.
         space: where it moves.
-        reward: tolerance and weights; by default the environment's.
     """
 
-    def __init__(
-        self,
-        arm: NominalArm,
-        body: RigidBody,
-        space: Workspace,
-        reward: Reward | None = None,
-    ) -> None:
+    def __init__(self, arm: NominalArm, body: RigidBody, space: Workspace) -> None:
         self.limit = torque_limit(arm, body)
         self._rated = rated_torque(arm, body, space)
         self._kinematics: Kinematics = space.kinematics
-        self._reward = reward or Reward()
 
     def __call__(self, track: TrackingRun, dt: float, duration: float) -> Measures:
         """Measure a track with a period of ``dt`` [s] on a course of ``duration`` [s]."""
         every = max(1, round(ACTION / dt))
         actions = max(1, round(duration / dt) // every)
-        reward = float(self._rewards(track, every, actions).sum()) / actions
+        # each action that was done, by the torque of the ticks before its end
+        effort = track.tau / self._rated
+        ends = np.arange(every, min(len(track.t), actions * every + 1), every)
+        blocks = effort[: len(ends) * every].reshape(len(ends), every * effort.shape[1])
+        jump = effort[ends - 1] - effort[np.maximum(ends - 1 - every, 0)]
+        error = track.q_ref[ends] - track.q[ends]
+        rewards = Reward()(error, np.mean(blocks**2, axis=1), jump).total
+        reward = float(rewards.sum()) / actions
         if track.diverged:
             return Measures(inf, inf, reward, inf, True)
         # the tool by the kinematics, once per action
@@ -363,26 +366,12 @@ class TrackingMetrics:
             for series in (track.q_ref, track.q)
         )
         return Measures(
-            joint_error=_rms(track.q_ref - track.q),
+            joint_error=float(rms(track.q_ref - track.q, None)),
             tool_error=float(np.sqrt(np.mean(np.square(wanted - reached).sum(axis=1)))),
             reward=reward,
-            torque_rate=_rms(np.diff(track.tau, axis=0) / dt),
+            torque_rate=float(rms(np.diff(track.tau, axis=0) / dt, None)),
             diverged=False,
         )
-
-    def _rewards(self, track: TrackingRun, every: int, actions: int) -> np.ndarray:
-        """Reward of each action that was done, of so many ticks each, by the torque of the ticks before its end."""
-        effort = track.tau / self._rated
-        ends = np.arange(every, min(len(track.t), actions * every + 1), every)
-        blocks = effort[: len(ends) * every].reshape(len(ends), every * effort.shape[1])
-        load = np.mean(blocks**2, axis=1)
-        jump = effort[ends - 1] - effort[np.maximum(ends - 1 - every, 0)]
-        return self._reward(track.q_ref[ends] - track.q[ends], load, jump).total
-
-
-def _rms(x: np.ndarray) -> float:
-    """Root mean square over all numbers."""
-    return float(np.sqrt(np.mean(x**2)))
 
 
 KICK = 0.2

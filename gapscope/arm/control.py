@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from gapscope.arm.controller import Controller, Gain, Integrator
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -234,6 +235,10 @@ def like_pd(pd: PD, kind: str, damping: float) -> Controller:
 # A controller at work: from reference, position and velocity to torque, tick by tick.
 
 
+SETTLE = 0.5
+"""Time for which a reference that starts at rest is held before a recording [s]."""
+
+
 class Targets(NamedTuple):
     """What a controller is to follow, at one tick (n,) or at K of them (K, n).
 
@@ -259,6 +264,31 @@ class Targets(NamedTuple):
         """A reference of K ticks with the feedforward that the controller takes of it."""
         torque = feedforward(arm, RigidBody(arm), controller.feedforward, q, dq, ddq)
         return cls(q, dq, ddq, torque)
+
+    @classmethod
+    def recorded(
+        cls,
+        arm: NominalArm,
+        controller: Controller,
+        recording: Recording,
+        times: np.ndarray,
+    ) -> Targets:
+        """What the controller of a recording without gaps followed at K times [s], held before it and after it.
+
+        Args:
+            arm: the nominal arm, which the feedforward believes.
+            controller: the controller.
+            recording: with ``q_ref``; ``dq_ref`` is the slope of its spline where it is not recorded.
+            times: on the recording's clock, (K,).
+        """
+        t, q_ref, dq_ref = recording.t, recording.q_ref, recording.dq_ref
+        assert q_ref is not None
+        if dq_ref is None:
+            dq_ref = make_interp_spline(t, q_ref, k=3)(t, 1)
+        velocity = make_interp_spline(t, dq_ref, k=3)
+        held = np.clip(times, t[0], t[-1])
+        q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
+        return cls.of(arm, controller, q, velocity(held), velocity(held, 1))
 
     def at(self, tick: int | slice | np.ndarray) -> Targets:
         """The commands of one tick, or of some of them."""

@@ -852,7 +852,7 @@ class Episodes:
                 step = self.courses.at[number] * self._timing.sub_steps + done
                 table[number] -= network.torque(step)
         arms.hold(felt, self._chunk)
-        dq = arms.inside("dq")
+        dq = arms.dq
         # fast: no joint is faster than all together
         if not dq.dot(dq) <= SLOW:
             speeds = np.abs(dq).reshape(self.q.shape).max(axis=1)

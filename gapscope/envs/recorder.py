@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.case import SHORTEST, Case
-from gapscope.arm.control import ControlLoop, Targets, like_pd
+from gapscope.arm.control import SETTLE, ControlLoop, Targets, like_pd
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import steps_per_tick
@@ -59,7 +59,6 @@ def record(
     encoder_noise: np.ndarray | float = 0.0,
     torque_noise: np.ndarray | float = 0.0,
     read_back: bool = False,
-    settle: float = 0.5,
     name: str = "recording",
     engine: str | None = None,
     later: tuple[float, tuple[AppliedEffect, ...]] | None = None,
@@ -68,7 +67,7 @@ def record(
 
     At each tick of the controller its torque, clipped at the torque limit, is computed from the quantised encoders and
     held until the next tick. Row i holds the encoders' positions at t[i]
-    and the torque commanded at t[i]. A reference that starts at rest is held for ``settle`` seconds before t = 0, so
+    and the torque commanded at t[i]. A reference that starts at rest is held for ``SETTLE`` before t = 0, so
     that the arm rests where its effects let it rest; one that starts in motion is met in motion. An integrator starts
     at zero.
 
@@ -85,7 +84,6 @@ def record(
         torque_noise: standard deviation of white noise on the recorded torque [N m], a number or shape (n,).
         read_back: record the torque that reached the joints, as position control reads it back from its drives, instead
             of the one commanded; row i holds what is applied from t[i] on.
-        settle: time at the reference's start before t = 0 [s].
         name: name of the recording.
         engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
         later: a time [s], and the effects that take the place of the others from then on, as when a payload is picked
@@ -104,7 +102,7 @@ def record(
             where="rate",
         )
     rests = np.abs(reference.velocity(np.zeros(1))).max() < 1e-9
-    first = round(settle * controller.rate) if rests else 0
+    first = round(SETTLE * controller.rate) if rests else 0
     ticks = np.arange(-first, round(duration * controller.rate) + 1)
     t = ticks / controller.rate
     # before t = 0 the reference rests at its start

@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.arm.control import ControlLoop, Targets, integral_at_start
@@ -140,25 +140,6 @@ def _stretches(
                 yield slice(a, b), corrected
 
 
-def _commands(
-    arm: NominalArm, recording: Recording, rows: slice, controller: Controller
-) -> tuple[np.ndarray, Targets]:
-    """Time of every tick of a stretch [s], (K,), and what the controller was to follow there."""
-    assert recording.q_ref is not None
-    t, q_ref = recording.t[rows], recording.q_ref[rows]
-    count = int((t[-1] - t[0]) * controller.rate + 1e-6) + 2
-    ticks = t[0] + np.arange(count) / controller.rate
-    held = np.minimum(ticks, t[-1])
-    dq_ref = (
-        make_interp_spline(t, q_ref, k=3)(t, 1)
-        if recording.dq_ref is None
-        else recording.dq_ref[rows]
-    )
-    velocity = make_interp_spline(t, dq_ref, k=3)
-    q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
-    return ticks, Targets.of(arm, controller, q, velocity(held), velocity(held, 1))
-
-
 def _simulated(
     corrected: CorrectedArm, recording: Recording, dt: float, engine: str | None
 ) -> SimulatedArm:
@@ -179,10 +160,14 @@ def _tracked(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions [rad] and commanded torques [N m] of a stretch under its controller, each (N, n)."""
     t = recording.t[rows]
-    ticks, commands = _commands(corrected.arm, recording, rows, controller)
+    # the last tick lies behind the last row
+    count = int((t[-1] - t[0]) * controller.rate + 1e-6) + 2
+    ticks = t[0] + np.arange(count) / controller.rate
+    part = recording.part(rows)
+    commands = Targets.recorded(corrected.arm, controller, part, ticks)
     reference = Motion(ticks, commands.q, commands.dq, commands.ddq)
-    start, first = recording.q[rows][0], commands.at(0)
-    recorded = None if recording.dq is None else recording.dq[rows][0]
+    start, first = part.q[0], commands.at(0)
+    recorded = None if part.dq is None else part.dq[0]
     velocity = VelocityFilter(
         controller.rate,
         controller.velocity_cutoff,
@@ -194,7 +179,7 @@ def _tracked(
     )
     control = ControlLoop(controller, corrected.arm)
     if controller.integrator is not None and recording.tau is not None:
-        held = integral_at_start(recording.part(rows), controller, commands)
+        held = integral_at_start(part, controller, commands)
         control.integral = controller.integrator.bounded(held)
     elif controller.integrator is not None:
         speed = first.dq if recorded is None else recorded

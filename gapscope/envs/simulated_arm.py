@@ -62,6 +62,8 @@ class ArmsTogether:
         applied: motor torque that reached the joints in the last step, before friction [N m], shape (N n,); not to be
             changed.
         motors: with positions and velocities of their own, of one arm; ``None`` if all joints are rigid.
+        motor_q: true positions of the motors [rad], joint side, shape (N n,), which keep their places; ``q`` itself if
+            all joints are rigid.
 
     Raises:
         InputError: an engine that is not installed.
@@ -82,6 +84,7 @@ class ArmsTogether:
         self.applied = np.zeros(self.q.size)
         self._shape = count, len(first.rigid)
         self.motors = None if first.rigid.all() else first.motors
+        self.motor_q = self.q if self.motors is None else self.motors.position
         self._rigid = first.rigid
         self._drives = [first] * count
         self._friction = first.friction.beside(count)
@@ -153,12 +156,6 @@ class ArmsTogether:
                 deflection = self.motors.deflection(load)[body.places]
                 q = 0.5 * q + 0.5 * (seen - deflection)
         self.reset(number, q[body.order], dq[body.order], time)
-
-    def seen(self, on_motor: bool) -> np.ndarray:
-        """True positions of what the encoders sit on [rad], motors or joints, shape (N n,); not to be kept."""
-        if self.motors is None or not on_motor:
-            return self.q
-        return self.motors.position
 
     def weight(
         self, number: int, q: np.ndarray, dq: np.ndarray, time: float
@@ -280,6 +277,7 @@ class SimulatedArms:
         nominal: nominal rigid bodies with the known load.
         effects, drives: of each arm.
         simulators: what steps them, joints in kinematic order: one for all arms, or one for each.
+        q, dq, motor_q: as of ``ArmsTogether``, of all arms; not to be kept.
 
     Raises:
         InputError: an effect on a joint that does not exist, armature or friction that is negative in total, an arm
@@ -310,6 +308,7 @@ class SimulatedArms:
         drives = [self._drive(effects) for _ in range(own)]
         each = count // own, threads, engine
         self.simulators = [ArmsTogether(drive, *each) for drive in drives]
+        self._single = own == 1
         self.drives = drives * each[0]
         first = arm.n_joints * np.arange(count)[:, None]
         order, places = self.nominal.order, self.nominal.places
@@ -321,6 +320,7 @@ class SimulatedArms:
         self._on_motor = encoders.on_motor
         self._noise, self._noisy = encoder_noise, False
         self._rngs: list[np.random.Generator | None] = [None] * count
+        self._take()
 
     def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
         """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
@@ -337,8 +337,9 @@ class SimulatedArms:
 
     def _of(self, number: int) -> tuple[ArmsTogether, int]:
         """The simulator of an arm, and the arm's number in it."""
-        one = len(self.simulators) == 1
-        return (self.simulators[0], number) if one else (self.simulators[number], 0)
+        if self._single:
+            return self.simulators[0], number
+        return self.simulators[number], 0
 
     def put(self, number: int, effects: tuple[AppliedEffect, ...]) -> None:
         """Give an arm, numbered from 0, other effects; ``reset`` or ``start`` has to follow.
@@ -358,6 +359,7 @@ class SimulatedArms:
         self.drives[number], self.effects[number] = drive, effects
         self._encoders[number] = Encoders(drive.corrected, self._encoder_step)
         self._readings.put(number, self._encoders[number])
+        self._take()
 
     def draw_noise_from(self, number: int, rng: np.random.Generator | None) -> None:
         """Give the encoders of an arm, numbered from 0, a source of noise."""
@@ -374,6 +376,7 @@ class SimulatedArms:
         simulator, place = self._of(number)
         order = self.nominal.order
         simulator.reset(place, q[order], dq[order], time)
+        self._take()
 
     def start(
         self, number: int, reading: np.ndarray, dq: np.ndarray, time: float = 0.0
@@ -381,32 +384,33 @@ class SimulatedArms:
         """Put an arm where its encoders, but for rounding and noise, read ``reading`` [rad], with dq [rad/s], (n,)."""
         simulator, place = self._of(number)
         simulator.start(place, self._encoders[number], reading, dq, time)
+        self._take()
 
     def hold(self, torque: np.ndarray, steps: int = 1) -> None:
         """Hold the commanded torque [N m], (N n,), which is not to be changed then, for so many time steps."""
         inside = torque if self._ordered else torque[self._order]
+        if self._single:
+            self.simulators[0].hold(inside, steps)
+            return
         rows = inside.reshape(len(self.simulators), -1)
         for simulator, row in zip(self.simulators, rows, strict=True):
             simulator.hold(row, steps)
+        self._take()
 
     def inside(self, name: str) -> np.ndarray:
-        """``q``, ``dq``, ``applied`` or ``time`` of all arms, (N n,), joints in kinematic order; not to be kept."""
-        if len(self.simulators) == 1:
-            values: np.ndarray = getattr(self.simulators[0], name)
-            return values
-        return np.concatenate([getattr(one, name) for one in self.simulators])
+        """An attribute of ``ArmsTogether`` for all arms, (N n,), joints in kinematic order; not to be kept."""
+        own: list[np.ndarray] = [getattr(one, name) for one in self.simulators]
+        return own[0] if len(own) == 1 else np.concatenate(own)
+
+    def _take(self) -> None:
+        """Take what is asked for at every step; arrays of a single simulator keep their places."""
+        self.q, self.dq, self.motor_q = map(self.inside, ("q", "dq", "motor_q"))
 
     def state(self, name: str) -> np.ndarray:
         """A copy of the same by arms and in the arm's order, (N, n)."""
-        return self._in_order(self.inside(name)).copy().reshape(self._shape)
-
-    def _in_order(self, values: np.ndarray) -> np.ndarray:
-        return values if self._ordered else values[self._places]
-
-    def seen(self, on_motor: bool) -> np.ndarray:
-        """True positions of motors or joints [rad], shape (N n,), in the arm's order; not to be kept."""
-        parts = [one.seen(on_motor) for one in self.simulators]
-        return self._in_order(parts[0] if len(parts) == 1 else np.concatenate(parts))
+        values = self.inside(name)
+        own = values.copy() if self._ordered else values[self._places]
+        return own.reshape(self._shape)
 
     def read(self) -> np.ndarray:
         """Positions as the encoders read them [rad], shape (N n,); each call draws its own noise."""
@@ -414,13 +418,14 @@ class SimulatedArms:
         if self._noisy:
             noise = np.concatenate([self._drawn(arm) for arm in range(self._shape[0])])
         # a reading is an array of its own, so that nothing is copied here
-        return self._readings(self.seen(self._on_motor), noise)
+        seen = self.motor_q if self._on_motor else self.q
+        return self._readings(seen if self._ordered else seen[self._places], noise)
 
     def read_one(self, number: int) -> np.ndarray:
         """Positions as the encoders of one arm read them [rad], shape (n,)."""
-        seen = self.seen(self._on_motor).reshape(self._shape)[number]
+        seen = self.state("motor_q" if self._on_motor else "q")
         noise = None if self._rngs[number] is None else self._drawn(number)
-        return self._encoders[number](seen, noise)
+        return self._encoders[number](seen[number], noise)
 
     def _drawn(self, number: int) -> np.ndarray:
         """Noise of an arm [rad], shape (n,)."""
@@ -517,7 +522,7 @@ class SimulatedArm:
     @property
     def motor_q(self) -> np.ndarray:
         """True positions of the motors [rad], joint side, shape (n,); those of rigid joints are the joints'."""
-        return self._arms.seen(on_motor=True).copy()
+        return self._arms.state("motor_q")[0]
 
     @property
     def applied(self) -> np.ndarray:

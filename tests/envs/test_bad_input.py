@@ -120,37 +120,6 @@ def test_an_effect_at_fault(
         ArmTracking("kuka_iiwa", effects=file)
 
 
-@pytest.mark.parametrize(
-    ("robot", "options", "message", "remedy"),
-    [
-        ("kuka_iwa", (), "kuka_iwa: no such URDF file", "did you mean 'kuka_iiwa'?"),
-        (
-            "no/such.urdf",
-            (),
-            "no/such.urdf: no such URDF file",
-            "kuka_iiwa, franka_panda, xarm6",
-        ),
-        (
-            "kuka_iiwa",
-            ("--engine", "mujocco"),
-            "engine: unknown engine 'mujocco'",
-            "did you mean 'mujoco'?",
-        ),
-        (
-            "kuka_iiwa",
-            ("--trajectory", "fourrier"),
-            "motion: unknown motion 'fourrier'",
-            "did you mean 'fourier'?",
-        ),
-    ],
-)
-def test_an_unknown_name_is_met_with_the_nearest(
-    capsys, tmp_path: Path, robot: str, options: tuple, message: str, remedy: str
-) -> None:
-    code, text = _record(capsys, robot, _file(tmp_path), *options)
-    assert code == 2 and message in text and remedy in text.split("remedy: ")[1]
-
-
 def _third_link(pattern: str, new: str) -> str:
     """The iiwa's URDF with its third link changed."""
     urdf = IIWA.read_text()

@@ -5,26 +5,22 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import NAME, SHORT, rollout
 from guard import HANG
 
-gym = pytest.importorskip(
-    "gymnasium", reason="the environment needs gymnasium, a dependency of the package"
-)
-
-from episodes import NAME, SHORT, rollout  # noqa: E402
-
-import gapscope  # noqa: E402, F401 (registers the environment)
-from gapscope.arm.errors import InputError  # noqa: E402
-from gapscope.arm.motions.named_motions import MOTIONS  # noqa: E402
-from gapscope.arm.motions.trajectory import point_to_point  # noqa: E402
-from gapscope.arm.robots import KNOWN_ROBOTS  # noqa: E402
-from gapscope.effects.applied import AppliedEffect  # noqa: E402
-from gapscope.effects.corrected_file import write_corrected  # noqa: E402
-from gapscope.envs.actions import ACTION_KINDS  # noqa: E402
-from gapscope.envs.environment import ArmTracking  # noqa: E402
-from gapscope.envs.reward import Reward  # noqa: E402
+import gapscope  # noqa: F401 (registers the environment)
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.named_motions import MOTIONS
+from gapscope.arm.motions.trajectory import point_to_point
+from gapscope.arm.robots import KNOWN_ROBOTS
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected_file import write_corrected
+from gapscope.envs.actions import ACTION_KINDS
+from gapscope.envs.environment import ArmTracking
+from gapscope.envs.reward import Reward
 
 ROOT = Path(__file__).parents[2]
 COULOMB = AppliedEffect("coulomb_friction", (1, 4), {"torque": [3.0, 2.0]})

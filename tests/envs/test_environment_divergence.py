@@ -3,17 +3,13 @@
 import re
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from episodes import NAME, SHORT, rollout
 
-gym = pytest.importorskip(
-    "gymnasium", reason="the environment needs gymnasium, a dependency of the package"
-)
-
-from episodes import NAME, SHORT, rollout  # noqa: E402
-
-import gapscope  # noqa: E402, F401 (registers the environment)
-from gapscope.arm.robots import KNOWN_ROBOTS  # noqa: E402
+import gapscope  # noqa: F401 (registers the environment)
+from gapscope.arm.robots import KNOWN_ROBOTS
 
 
 def message(info: dict) -> str:

@@ -295,31 +295,6 @@ class TestJoints:
             {"lower": -2.0943951, "upper": 2.0943951, "effort": 20.0, "velocity": 10.0}
         )
 
-    @pytest.mark.skipif(not installed("mujoco"), reason="mujoco is not installed")
-    def test_an_actuator_delivers_what_the_drive_does(self, tmp_path: Path) -> None:
-        """100 N m are commanded: clipped to 20, times 1.5, plus 2; joint 1 follows a step with its time constant."""
-        import mujoco
-
-        effects = (
-            AppliedEffect("torque_saturation", (4,), {"limit": [20.0]}),
-            AppliedEffect("torque_scale", (4,), {"scale": [0.5]}),
-            AppliedEffect("torque_offset", (4,), {"torque": [2.0]}),
-            AppliedEffect("actuator_lag", (1,), {"time_constant": [0.05]}),
-        )
-        export(
-            iiwa(*effects),
-            "mjcf",
-            tmp_path / "arm.xml",
-        )
-        model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
-        model.opt.timestep = 1e-3
-        data = mujoco.MjData(model)
-        data.ctrl[[0, 3]] = 10.0, 100.0
-        for _ in range(51):
-            mujoco.mj_step(model, data)
-        assert data.qfrc_actuator[3] == pytest.approx(32.0)
-        assert data.qfrc_actuator[0] == pytest.approx(10 * (1 - np.exp(-1.0)), rel=0.02)
-
     def test_joints_that_are_not_the_arms_are_fixed(self, tmp_path: Path) -> None:
         missing, _ = export(
             CorrectedArm(load_nominal_arm("franka_panda")),

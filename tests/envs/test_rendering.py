@@ -3,13 +3,8 @@
 import io
 
 import numpy as np
-import pytest
 from matplotlib.colors import to_rgb
 from rich.console import Console
-
-pytest.importorskip(
-    "gymnasium", reason="the environment needs gymnasium, a dependency of the package"
-)
 
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.environment import ArmTracking

@@ -118,7 +118,6 @@ SOLVABLE = {
     "errors in variables": Kind(errors_in_variables, 0.2),
     "noise per joint": Kind(noise_per_joint, 0.01),
     "correlated noise": Kind(correlated_noise, 0.05),
-    "rank deficient": Kind(rank_deficient, np.inf),
 }
 
 

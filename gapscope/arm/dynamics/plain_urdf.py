@@ -125,6 +125,18 @@ def plain_urdf(links: tuple[Link, ...]) -> str:
     return ET.tostring(robot, encoding="unicode")
 
 
+def exact_urdf(name: str, links: tuple[Link, ...]) -> ET.Element:
+    """The same as an element with the arm's name, and with the principal moments in full precision."""
+    root = ET.fromstring(plain_urdf(links))
+    root.set("name", name)
+    for link, element in zip(links, root.findall("link")[1:], strict=True):
+        inertia = element.find("inertial/inertia")
+        assert inertia is not None
+        for key, value in zip(("ixx", "iyy", "izz"), link.moments, strict=True):
+            inertia.set(key, repr(float(value)))
+    return root
+
+
 def check_inertia(body: RigidBody, at_fault: str = "") -> None:
     """Check that the bodies of an arm can be moved by a finite torque.
 

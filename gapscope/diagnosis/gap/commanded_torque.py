@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 
 from gapscope.arm.case import Case
 from gapscope.arm.control import ControlLoop, Targets
@@ -290,24 +290,18 @@ def _commanded(
     # from the first to the last of the rows' times, which round
     held = ((t - t[0]) * controller.rate + 1e-6).astype(int)
     ticks = t[0] + np.arange(held[-1] + 1) / controller.rate
-    assert stretch.q_ref is not None
-    q_ref, dq_ref = stretch.q_ref, stretch.dq_ref
-    if dq_ref is None:
-        dq_ref = make_interp_spline(t, q_ref, k=3)(t, 1)
-    planned = make_interp_spline(t, dq_ref, k=3)
+    times = ticks if controller.integrates else t
+    targets = Targets.recorded(arm, controller, stretch, times)
     q, dq = make_interp_spline(t, stretch.q, k=3)(ticks), stretch.dq
     velocity = None
     if dq is None:
-        velocity = _velocity(controller, q, dq_ref[0], rule)
+        velocity = _velocity(controller, q, targets.dq[0], rule)
         dq = velocity[held]
     control = ControlLoop(controller, arm)
     if not controller.integrates:
-        targets = Targets.of(arm, controller, q_ref, dq_ref, planned(t, 1))
         return control(targets, stretch.q, dq)[back]
     if velocity is None:
         velocity = make_interp_spline(t, dq, k=3)(ticks)
-    reference = CubicHermiteSpline(t, q_ref, dq_ref)(ticks)
-    targets = Targets.of(arm, controller, reference, planned(ticks), planned(ticks, 1))
     control.integral = np.zeros(arm.n_joints) if start is None else start
     torque = np.empty_like(q)
     for i in range(len(ticks)):

@@ -18,7 +18,7 @@ from gapscope.arm.dynamics.inertials import (
     set_parameters,
 )
 from gapscope.arm.dynamics.link_shapes import PlacedShape
-from gapscope.arm.dynamics.plain_urdf import numbers, plain_urdf, rotation
+from gapscope.arm.dynamics.plain_urdf import exact_urdf, numbers, rotation
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nearest_name import check_known
@@ -75,17 +75,7 @@ def as_urdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         _set_bodies(root, arm)
         _shift_zeros(root, arm)
     else:
-        root = ET.fromstring(plain_urdf(arm.links))
-        root.set("name", arm.corrected.arm.name)
-        for link, inertia in zip(
-            arm.links,
-            (arm.body.model.inertias[k + 1] for k in range(len(arm.links))),
-            strict=True,
-        ):
-            element = next(
-                x for x in root.findall("link") if x.get("name") == f"{link.joint}_link"
-            )
-            set_parameters(element, inertia.toDynamicParameters())
+        root = exact_urdf(arm.corrected.arm.name, arm.links)
     for joint in root.findall("joint"):
         if joint.get("name") in arm.drives.index:
             _set_drive(joint, arm.drives.loc[joint.get("name")])
@@ -226,16 +216,16 @@ def _shift_zeros(root: ET.Element, arm: PlainArm) -> None:
 
 def _turn_base(root: ET.Element, mount: np.ndarray) -> None:
     """A fixed joint between a new root link and the base."""
-    links, joints = (
-        [x.get("name", "") for x in root.findall(tag)] for tag in ("link", "joint")
-    )
-    carried = {_end(joint, "child") for joint in root.findall("joint")}
+    links = [x.get("name", "") for x in root.findall("link")]
+    joints = root.findall("joint")
+    carried = {_end(joint, "child") for joint in joints}
     base = next(name for name in links if name not in carried)
-    world, holder = "world", "mount"
-    while world in (*links, *joints):
-        world += "_"
-    while holder in (*links, *joints):
-        holder += "_"
+    taken = {*links, *(joint.get("name", "") for joint in joints)}
+
+    def unused(name: str) -> str:
+        return unused(f"{name}_") if name in taken else name
+
+    world, holder = unused("world"), unused("mount")
     joint = ET.Element("joint", name=holder, type="fixed")
     ET.SubElement(joint, "parent", link=world)
     ET.SubElement(joint, "child", link=base)

@@ -9,11 +9,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 from scipy.optimize import least_squares
 
 from gapscope.arm.case import Case
-from gapscope.arm.control import PD, feedforward
+from gapscope.arm.control import PD, SETTLE, Targets
 from gapscope.arm.dynamics.rollout import (
     Commands,
     Plant,
@@ -134,8 +134,6 @@ def check_controller(
 
 AT_REST = 1e-3
 """A reference that starts slower than this starts at rest [rad/s]."""
-SETTLE = 0.5
-"""How long a reference that starts at rest was held before the recording [s]."""
 
 
 @dataclass(frozen=True)
@@ -282,8 +280,8 @@ class Experiment:
 
     def _commands(self, recording: Recording) -> tuple[Commands, np.ndarray]:
         check_bare(recording)
-        t, q_ref = recording.t, recording.q_ref
-        if q_ref is None or recording.tau is None:
+        t = recording.t
+        if recording.q_ref is None or recording.tau is None:
             raise InputError(
                 "has no reference or no torque, which an estimator that simulates needs",
                 "give columns q_ref1.. and tau1.., or use an estimator that does not simulate",
@@ -295,20 +293,16 @@ class Experiment:
                 "cut it there into two recordings",
                 file=recording.name,
             )
-        rate, dq_ref = self.controller.rate, recording.dq_ref
-        if dq_ref is None:
-            dq_ref = make_interp_spline(t, q_ref, k=3)(t, 1)
-        velocity = make_interp_spline(t, dq_ref, k=3)
-        resting = np.abs(velocity(t[0])).max() < AT_REST
-        before = round(SETTLE * rate) if resting else 0
-        rows = before + ((t - t[0]) * rate + 1e-6).astype(int)
-        ticks = t[0] + np.arange(-before, rows[-1] - before + 2) / rate
-        held = np.clip(ticks, t[0], t[-1])
-        q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
-        dq, ddq = velocity(held), velocity(held, 1)
-        arm, body = self.regressor.arm, self.regressor.body
-        torque = feedforward(arm, body, self.controller.feedforward, q, dq, ddq)
-        return Commands(t=ticks, q=q, dq=dq, torque=torque), rows
+        rate = self.controller.rate
+        before, rows = round(SETTLE * rate), ((t - t[0]) * rate + 1e-6).astype(int)
+        ticks = t[0] + np.arange(-before, rows[-1] + 2) / rate
+        arm = self.regressor.arm
+        targets = Targets.recorded(arm, self.controller, recording, ticks)
+        if np.abs(targets.dq[before]).max() < AT_REST:
+            rows += before
+        else:
+            ticks, targets = ticks[before:], targets.at(slice(before, None))
+        return Commands(ticks, targets.q, targets.dq, targets.torque), rows
 
 
 def closed_loop(

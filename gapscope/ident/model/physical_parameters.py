@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
+from gapscope.arm.dynamics.plain_urdf import exact_urdf, moving_links, numbers
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
@@ -380,15 +380,7 @@ def urdf_text(arm: NominalArm, body: RigidBody) -> str:
 
     Frames and axes are those of the nominal arm's joints; inertial frames lie along the principal axes.
     """
-    links = moving_links(body)
-    root = ET.fromstring(plain_urdf(links))
-    root.set("name", arm.name)
-    # principal moments in full precision
-    for link, element in zip(links, root.findall("link")[1:], strict=True):
-        inertia = element.find("inertial/inertia")
-        assert inertia is not None
-        for key, value in zip(("ixx", "iyy", "izz"), link.moments, strict=True):
-            inertia.set(key, repr(float(value)))
+    root = exact_urdf(arm.name, moving_links(body))
     # limits of the nominal arm
     speed, effort = body.velocity_limits(), body.effort_limits()
     for joint in root.findall("joint"):

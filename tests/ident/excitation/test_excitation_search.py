@@ -235,16 +235,6 @@ def test_multisine_has_the_same_velocity_at_all_harmonics(limits: Limits) -> Non
     np.testing.assert_allclose(amplitude, 1.0)
 
 
-def numeric(
-    function: Callable[[np.ndarray], float], x: np.ndarray, h: float = 1e-6
-) -> np.ndarray:
-    """Gradient by central differences, of the shape of x."""
-    rows = np.eye(x.size).reshape(x.size, *x.shape)
-    return np.array(
-        [(function(x + h * e) - function(x - h * e)) / (2 * h) for e in rows]
-    ).reshape(x.shape)
-
-
 def test_way_points_are_passed_at_their_times() -> None:
     times, points = (
         np.array([0.0, 1.0, 2.5, 3.0]),

@@ -199,6 +199,3 @@ def test_the_onnx_model_says_how_its_windows_are_made(tmp_path) -> None:
     for name, value in raw.items():
         scaled = (value - scaling["mean"][name][j]) / scaling["std"][name][j]
         np.testing.assert_allclose(windows[j, :, -1, columns.index(name)], scaled)
-
-
-# A joint speaks only if what the projection leaves of it helps on every recording that was held out.

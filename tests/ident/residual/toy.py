@@ -8,7 +8,6 @@ import numpy as np
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.ident.residual.fit import (
-    Report,
     ResidualSettings,
     Trajectory,
     fit_residual,
@@ -44,7 +43,7 @@ def unknown(m: Motion) -> np.ndarray:
     return torque
 
 
-def trajectory(seed: int, physics: float = 0.3) -> Trajectory:
+def trajectory(seed: int) -> Trajectory:
     """The unknown torque, noise, and an error of the friction that belongs to the effects."""
     m = motion(seed)
     own = np.stack([m.dq, np.tanh(m.dq / 0.05), m.ddq, np.ones_like(m.dq)], axis=2)
@@ -52,22 +51,14 @@ def trajectory(seed: int, physics: float = 0.3) -> Trajectory:
         [own[:, :, k, None] * np.eye(N) for k in range(own.shape[2])], axis=2
     )
     noise = 0.1 * np.random.default_rng(seed + 100).standard_normal(m.q.shape)
-    left = unknown(m) + noise + physics * np.tanh(m.dq / 0.05)
+    left = unknown(m) + noise + 0.3 * np.tanh(m.dq / 0.05)
     rows = np.arange(30, len(m.t) - 30, 2)
     load = 5.0 * np.cos(m.q)
     return Trajectory(f"r{seed}", m, load, left, columns[rows], columns[rows], rows)
 
 
 @cache
-def trained(form: str = "additive", seed: int = 0) -> tuple:
-    """A network trained on three trajectories."""
-    found: tuple = fit_residual([trajectory(k) for k in range(3)], quick(form, seed))
-    assert isinstance(found[1], Report)
-    return found
-
-
-def quick(form: str = "additive", seed: int = 0) -> ResidualSettings:
-    """A short training."""
-    return ResidualSettings(
-        form=form, apart="all", members=3, hidden=16, steps=600, seed=seed
-    )
+def trained(form: str = "additive") -> tuple:
+    """A network trained on three trajectories, in a short training."""
+    short = ResidualSettings(form=form, apart="all", members=3, hidden=16, steps=600)
+    return fit_residual([trajectory(k) for k in range(3)], short)
