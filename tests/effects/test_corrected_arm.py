@@ -298,24 +298,6 @@ def test_predicted_torque_has_the_load_where_it_is(file: Path) -> None:
     assert np.abs(last - without).max() > 0.5
 
 
-@pytest.mark.parametrize(
-    ("place", "problem"),
-    [
-        ("recordings: b.csv", "expected names of recordings"),
-        ("from: 3", "recordings: beside from: and to:"),
-        ("recordings: [b.csv], to: soon", "expected a time in s"),
-        ("recordings: [b.csv], from: 3, to: 2", "which is no time"),
-    ],
-)
-def test_a_wrong_place_is_told_with_its_entry(
-    file: Path, place: str, problem: str
-) -> None:
-    file.write_text(f"schema: 1\neffects:\n  - {CARRIED % (1.0, place)}\n", "utf-8")
-    with pytest.raises(InputError, match=problem) as told:
-        read_corrected(file)
-    assert told.value.where.startswith("effects[0]")
-
-
 def test_an_effect_may_not_hold_twice_at_a_place(file: Path) -> None:
     twice = COMMON.replace("}}", "}, recordings: [a.csv]}")
     file.write_text(
