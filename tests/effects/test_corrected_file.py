@@ -153,6 +153,7 @@ BAD = [
     (carried("recordings: [b.csv], to: soon"), f"{ENTRY}.*expected a time in s"),
     (carried("recordings: [b.csv], from: 3, to: 2"), f"{ENTRY}.*which is no time"),
     (entry("{effect: sign_flip, joints: [2], variant: torque}"), "fault of the set-up"),
+    (f"{coulomb()}  - {coulomb().splitlines()[-1][4:-1]}, recordings: [a.csv]}}", "occurs twice on joint 1"),
     (beside("remainder: [1.0, 2.0]"), "remainder"),
     (beside("remainder: heavy"), "remainder"),
     (beside(f"remainder: {[[1.0] * 9] * 3}"), "remainder"),
