@@ -118,6 +118,11 @@ WORDS = {
         --format mjlab --case {sick} --unit other | add --randomise
         --format playground --case {sick} | ranges alone
     """,
+    "rehearse {sick} --out {out}": """
+        --effect torque_scales | did you mean 'torque_scale'?
+        --joint 3 | known are 1, 2
+        --sizes huge | known are half, nine_of_ten, severity
+    """,
     "residual {sick} --out {out}": """
         --form forest | known are best, additive, mlp, tcn
         --apart nothing | known are best, all, effects
@@ -330,6 +335,7 @@ CASES: list[tuple[Spoil, tuple[str, ...], str]] = [
     # torque constant 0.1 N m/A and gear ratio 100 make 0.1 A of 1 N m
     (times(0.1), IDENTIFY, "Torque unit (current); mend: {{torque: {{scale: 10"),
     (in_file(FIRST, "tau", "current"), IDENTIFY, "tau1"),
+    (added("import: {tau: null}"), ("rehearse {sick} --out {out}",), "has no torque"),
     (added("import: {tau: null}"), IDENTIFY, "no recording holds a torque"),
     (in_file("case.yaml", ", recording_1.csv, recording_2.csv", ""), ("agree {sick}",), ALONE),
     (in_file(FIRST, "q2", "elbow"), (PREDICT,), "recording_0.csv; q2"),
