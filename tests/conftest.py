@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from multiprocessing.util import Finalize
 from pathlib import Path
 from shutil import rmtree
+from typing import NamedTuple
 
 import pytest
 from own_effect_page import write_example
 
 from gapscope.arm.robots import KNOWN_ROBOTS
+from gapscope.cli import main
 from gapscope.effects.catalogue import load_effects, remove
 from gapscope.effects.effect import TorqueLaw
 
@@ -55,6 +57,38 @@ def sample_cases(data_root: Path) -> Path:
     if not (folder / "labels.json").is_file():
         pytest.skip(f"no sample cases in {data_root} (set GAPSCOPE_DATA)")
     return folder
+
+
+class Outcome(NamedTuple):
+    """What a command left: exit code, standard output, standard error, and both in one line."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def said(self) -> str:
+        return " ".join((self.out + self.err).split())
+
+
+@pytest.fixture
+def gapscope(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+    """Runs a command in this process, as a user would."""
+
+    def call(*arguments: object) -> Outcome:
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        code = ended.value.code
+        assert code is None or isinstance(code, int)
+        return Outcome(code or 0, *capsys.readouterr())
+
+    return call
+
+
+@pytest.fixture
+def command(gapscope: Callable[..., Outcome]) -> Callable[..., Outcome]:
+    """The same, where ``gapscope`` is the package."""
+    return gapscope
 
 
 @pytest.fixture

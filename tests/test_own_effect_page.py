@@ -97,20 +97,6 @@ def test_several_files_are_given_one_after_the_other(folder: Path) -> None:
     assert (folder / "two.csv").read_text() != (folder / "predicted.csv").read_text()
 
 
-def test_the_environment_variable_stands_for_the_option(folder: Path) -> None:
-    command = (
-        "gapscope predict arm --recording arm/recording_1.csv --out again.csv "
-        "--model found/corrected.yaml"
-    )
-    done = gapscope(folder, command, GAPSCOPE_EFFECTS=str(folder / "cable_drag.py"))
-    assert done.returncode == 0, done.stderr
-    missing = gapscope(folder, command, GAPSCOPE_EFFECTS="none.py")
-    assert missing.returncode == 2
-    assert "none.py, named in GAPSCOPE_EFFECTS" in missing.stderr
-    again = (folder / "again.csv").read_text()
-    assert again == (folder / "predicted.csv").read_text()
-
-
 @pytest.mark.nightly
 def test_several_cases_are_diagnosed_with_it_in_processes_of_their_own(
     folder: Path,
@@ -125,27 +111,38 @@ def test_several_cases_are_diagnosed_with_it_in_processes_of_their_own(
         assert [found["effect"] for found in document["effects"]] == ["cable_drag"]
 
 
-def test_an_installed_package_brings_effects_without_an_option(
-    folder: Path, tmp_path: Path
-) -> None:
-    """The package is a folder on the path, with what pip leaves of an entry point."""
-    site = tmp_path / "site"
+AGAIN = "gapscope predict arm --recording arm/recording_1.csv --out again.csv --model found/corrected.yaml"
+
+
+def package(site: Path, place: str) -> str:
+    """A path on which a package lies with what pip leaves of an entry point."""
     about = site / "my_arms-1.2.dist-info"
-    about.mkdir(parents=True)
+    about.mkdir(parents=True, exist_ok=True)
     write_example(site)
-    (about / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: my-arms\nVersion: 1.2\n"
-    )
-    (about / "entry_points.txt").write_text(
-        "[gapscope.effects]\ndrag = cable_drag:CABLE_DRAG\n"
-    )
-    command = "gapscope predict arm --recording arm/recording_1.csv --out installed.csv --model found/corrected.yaml"
-    path = os.pathsep.join([str(ROOT), str(site)])
-    done = gapscope(folder, command, PYTHONPATH=path)
+    version = "Metadata-Version: 2.1\nName: my-arms\nVersion: 1.2\n"
+    (about / "METADATA").write_text(version)
+    entry = f"[gapscope.effects]\ndrag = {place}\n"
+    (about / "entry_points.txt").write_text(entry)
+    return os.pathsep.join([str(ROOT), str(site)])
+
+
+@pytest.mark.parametrize("way", ["variable", "package"])
+def test_a_variable_or_an_installed_package_stands_for_the_option(
+    folder: Path, tmp_path: Path, way: str
+) -> None:
+    if way == "variable":
+        good, bad = ({"GAPSCOPE_EFFECTS": x} for x in ("cable_drag.py", "none.py"))
+        said = "none.py, named in GAPSCOPE_EFFECTS"
+    else:
+        places = {"one": "cable_drag:CABLE_DRAG", "other": "no_such:X"}
+        good, bad = (
+            {"PYTHONPATH": package(tmp_path / name, place)}
+            for name, place in places.items()
+        )
+        said = "the effects of the package my-arms cannot be loaded"
+    done = gapscope(folder, AGAIN, **good)
     assert done.returncode == 0, done.stderr
-    installed = (folder / "installed.csv").read_text()
-    assert installed == (folder / "predicted.csv").read_text()
-    (about / "entry_points.txt").write_text("[gapscope.effects]\ndrag = no_such:X\n")
-    done = gapscope(folder, command, PYTHONPATH=path)
-    assert done.returncode == 2
-    assert "the effects of the package my-arms cannot be loaded" in done.stderr
+    again = (folder / "again.csv").read_text()
+    assert again == (folder / "predicted.csv").read_text()
+    refused = gapscope(folder, AGAIN, **bad)
+    assert refused.returncode == 2 and said in refused.stderr

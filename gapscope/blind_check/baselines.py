@@ -359,31 +359,24 @@ def features(design: Design) -> np.ndarray:
     return np.concatenate([residual, best, [size[0], size[1], size[-1], entropy]])
 
 
-@dataclass(frozen=True)
-class Classifier:
-    """A trained classifier.
+def classified(network: Any, design: Design) -> dict[str, Any]:
+    """The likeliest class as a verdict.
 
-    Attributes:
-        classes: names of the C classes.
-        network: standardisation and network of scikit-learn.
+    Args:
+        network: as ``train`` gives it.
+        design: of the case.
     """
-
-    classes: tuple[str, ...]
-    network: Any
-
-    def diagnose(self, design: Design) -> dict[str, Any]:
-        """The likeliest class as a verdict."""
-        probability = self.network.predict_proba(features(design)[None])[0]
-        name = self.classes[int(probability.argmax())]
-        if name == "healthy":
-            return answer("no_gap", [])
-        if name == "unknown":
-            return answer("unexplained", [])
-        return answer("effects_found", [(name, [])], float(probability.max()))
+    probability = network.predict_proba(features(design)[None])[0]
+    name = str(network.classes_[int(probability.argmax())])
+    if name == "healthy":
+        return answer("no_gap", [])
+    if name == "unknown":
+        return answer("unexplained", [])
+    return answer("effects_found", [(name, [])], float(probability.max()))
 
 
-def train(x: np.ndarray, names: Sequence[str]) -> Classifier:
-    """Fit to features (N, F) and class names (N,) by penalised likelihood, from fixed random weights.
+def train(x: np.ndarray, names: Sequence[str]) -> Any:
+    """Standardisation and network of scikit-learn, fitted to features (N, F) and class names (N,) from fixed weights.
 
     Raises:
         GapscopeError: scikit-learn is not installed, or there is one class alone.
@@ -419,4 +412,4 @@ def train(x: np.ndarray, names: Sequence[str]) -> Classifier:
         # the penalty, not the end of the search, keeps the network from overfitting
         warnings.simplefilter("ignore", ConvergenceWarning)
         network.fit(x, np.asarray(names))
-    return Classifier(tuple(str(name) for name in network.classes_), network)
+    return network

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.recording import Recording
 from gapscope.blind_check.baselines import (
-    Classifier,
     Design,
     chance,
+    classified,
     design,
     features,
     forward_bic,
@@ -690,7 +691,7 @@ def _baselines(
     rng = np.random.default_rng(0)
     methods: dict[str, Callable[[Design], dict[str, Any]]] = dict(METHODS)
     if training is not None:
-        methods["classifier"] = _trained(*training, jobs).diagnose
+        methods["classifier"] = partial(classified, _trained(*training, jobs))
     answers: dict[str, dict[str, dict[str, Any] | None]] = {
         "chance": {k: chance(len(label["gap"]), rng) for k, label in truth.items()}
     }
@@ -725,7 +726,7 @@ def _design(folder: Path) -> Design | None:
         return None
 
 
-def _trained(cases: Path, labels: Path, jobs: int) -> Classifier:
+def _trained(cases: Path, labels: Path, jobs: int) -> Any:
     """The classifier, trained on the cases with at most one cause; what is outside the catalogue is ``unknown``."""
     truth = open_labels(cases, labels)["cases"]
     names = [name for name, label in truth.items() if len(label["effects"]) <= 1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import pi
 from pathlib import Path
@@ -220,23 +220,16 @@ def compare(documents: Mapping[str, Document]) -> list[dict[str, Any]]:
         Each effect on each place as in ``units.json``; those on all units first, the largest share first among equals.
         ``instead``: units without it if an effect was found of which it is an alternative, and that effect.
     """
-    found: dict[Place, dict[str, dict[tuple[str, str], Number]]] = {}
-    shares: dict[Place, dict[str, float]] = {}
-    for unit, document in documents.items():
-        for entry in document["effects"]:
-            for number in numbers_of(entry):
-                place = number[:3]
-                own = found.setdefault(place, {}).setdefault(unit, {})
-                own[number.parameter, number.component] = number
-                shares.setdefault(place, {})[unit] = float(entry["share"])
-    rows = [
-        {
-            **shared(place, by_unit, len(documents)),
-            "shares": shares[place],
-            "instead": _instead(documents, place, by_unit),
-        }
-        for place, by_unit in found.items()
-    ]
+    numbers = (
+        (unit, number, float(entry["share"]))
+        for unit, document in documents.items()
+        for entry in document["effects"]
+        for number in numbers_of(entry)
+    )
+    rows = []
+    for row in shared_effects(numbers, len(documents)):
+        place = row["effect"], row["joint"], row["link"]
+        rows.append({**row, "instead": _instead(documents, place, row["units"])})
     # those on all units first, then the largest share
     return sorted(
         rows,
@@ -248,21 +241,38 @@ def compare(documents: Mapping[str, Document]) -> list[dict[str, Any]]:
     )
 
 
-def shared(
-    place: Place, by_unit: Mapping[str, Mapping[tuple[str, str], Number]], count: int
-) -> dict[str, Any]:
-    """One effect on one place, and the units that have it.
+def shared_effects(
+    numbers: Iterable[tuple[str, Number, float]], count: int
+) -> list[dict[str, Any]]:
+    """Each effect on each place, and the units that have it.
 
     Args:
-        place: effect, joint and link.
-        by_unit: its numbers on each unit that has it, by parameter and component.
+        numbers: a unit, a number of one of its effects, and the share of that effect [1].
         count: units that were diagnosed.
 
     Returns:
+        Of each ``effect``, ``joint``, ``link``, ``units`` and ``shares`` by unit, and how the units compare.
         ``kind``: ``shared``: on all units, values agree; ``shared_differing_size``: on all, values differ;
         ``some_units``: on two or more, not on all; ``one_unit``. ``agree``: whether no value differs, the level divided
         by the number of values tested; ``None`` for one unit. ``parameters``: numbers that all of these units have.
     """
+    found: dict[Place, dict[str, dict[tuple[str, str], Number]]] = {}
+    shares: dict[Place, dict[str, float]] = {}
+    for unit, number, share in numbers:
+        place = number[:3]
+        own = found.setdefault(place, {}).setdefault(unit, {})
+        own[number.parameter, number.component] = number
+        shares.setdefault(place, {})[unit] = share
+    return [
+        {**_shared(place, by_unit, count), "shares": shares[place]}
+        for place, by_unit in found.items()
+    ]
+
+
+def _shared(
+    place: Place, by_unit: Mapping[str, Mapping[tuple[str, str], Number]], count: int
+) -> dict[str, Any]:
+    """One effect on one place: its numbers on each unit that has it, by parameter and component, compared."""
     parameters: list[dict[str, Any]] = []
     first, *others = by_unit.values()
     for name, component in first:

@@ -18,7 +18,7 @@ from gapscope.diagnosis.change_points import (
     change_points,
     scatter,
 )
-from gapscope.diagnosis.compare_units import ANGLES, ORDER, Place, shared
+from gapscope.diagnosis.compare_units import ANGLES, ORDER, shared_effects
 from gapscope.diagnosis.document.numbers import Number
 from gapscope.diagnosis.thresholds import EFFECT_FORM, FALSE_CHANGES, SHORTEST_HISTORY
 from gapscope.many.rows import NUMBER, PLACE, FleetStore
@@ -183,7 +183,7 @@ def latest(cases: pd.DataFrame) -> pd.DataFrame:
     return order.drop_duplicates(["robot", "unit"], keep="last")
 
 
-def shared_effects(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
+def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
     """Effects of the last diagnoses of several units; see ``gapscope.diagnosis.compare_units``.
 
     Args:
@@ -193,28 +193,23 @@ def shared_effects(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
     Returns:
         An entry of ``fleet.json`` for each effect on each place: those on all units first, then the most frequent.
     """
-    found: dict[Place, dict[str, dict[tuple[str, str], Number]]] = {}
-    shares: dict[Place, dict[str, float]] = {}
+    numbers = []
     for row in effects.to_dict("records"):
         joint, link = (None if pd.isna(row[k]) else int(row[k]) for k in PLACE[1:])
+        names = row["parameter"], row["component"], row["si_unit"]
         std = row["std"] if row["std"] > 0 else None
-        key = row["parameter"], row["component"]
-        number = Number(
-            row["effect"], joint, link, *key, row["si_unit"], row["value"], std
-        )
-        found.setdefault(number[:3], {}).setdefault(row["unit"], {})[key] = number
-        shares.setdefault(number[:3], {})[row["unit"]] = row["share"]
+        number = Number(row["effect"], joint, link, *names, row["value"], std)
+        numbers.append((row["unit"], number, row["share"]))
     made = []
-    for place, by_unit in found.items():
-        row = shared(place, by_unit, units)
+    for row in shared_effects(numbers, units):
         parameters = [
             {key: parameter[key] for key in ("name", "component", "unit", "together")}
             | {"extremes": list(_extremes(parameter))}
             for parameter in row["parameters"]
         ]
-        share = float(np.median(list(shares[place].values())))
-        count = len(by_unit)
-        made.append({**row, "units": count, "share": share, "parameters": parameters})
+        shares = list(row.pop("shares").values())
+        row |= {"units": len(shares), "share": float(np.median(shares))}
+        made.append({**row, "parameters": parameters})
     return sorted(made, key=lambda row: (ORDER.index(row["kind"]), -row["units"]))
 
 
@@ -297,7 +292,7 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
                 "cases": len(of_type),
                 "units": len(last),
                 "nominal_arms": int(last["nominal_sha256"].nunique()),
-                "effects": shared_effects(of_last, len(last))[:MOST],
+                "effects": _on_units(of_last, len(last))[:MOST],
             }
         )
         factors += [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,6 @@ from rich.text import Text
 from gapscope.arm.display import MISSING
 from gapscope.reports.pages import write_html
 
-# An audit as a page and on the terminal: findings worst first, and the table of the links.
-
-
 # What page and terminal of an audit share: findings of a kind together, and sentences of its document.
 
 
@@ -23,25 +19,12 @@ MAX_PLACES = 6
 """Most places that are named of findings of a kind."""
 
 
-@dataclass(frozen=True)
-class FindingGroup:
-    """Findings of one severity and kind: the worst of them in full, and where the others are.
-
-    Attributes:
-        worst: the first of them.
-        others: places and lines of the others, in words; empty if there are none.
-    """
-
-    worst: Mapping[str, Any]
-    others: str
-
-
-def groups(content: Mapping[str, Any]) -> list[FindingGroup]:
-    """Findings by severity and kind, worst first."""
+def groups(content: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Of each severity and kind the worst finding, worst first; ``others``: where the others are, in words."""
     together: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for finding in content["findings"]:
         together.setdefault((finding["severity"], finding["kind"]), []).append(finding)
-    return [FindingGroup(found[0], _others(found[1:])) for found in together.values()]
+    return [{**one, "others": _others(more)} for one, *more in together.values()]
 
 
 def heading(content: Mapping[str, Any]) -> str:
@@ -111,8 +94,7 @@ def summary(content: dict[str, Any]) -> Group:
     """What is odd about a model, and what to do."""
     head = Text(f"{content['robot']} ({content['file']}): {heading(content)}", "bold")
     parts = [head]
-    for group in groups(content):
-        worst = group.worst
+    for worst in groups(content):
         title = Text(
             f"\n{worst['severity']}: {worst['kind'].replace('_', ' ')}, {place(worst)}",
             STYLES.get(worst["severity"], ""),
@@ -120,8 +102,8 @@ def summary(content: dict[str, Any]) -> Group:
         parts += [title, Text(f"  {worst['found']}")]
         parts += [Text(f"  expected: {worst['expected']}")]
         parts += [Text(f"  to do: {worst['remedy']}")]
-        if group.others:
-            parts.append(Text(f"  also: {group.others}"))
+        if worst["others"]:
+            parts.append(Text(f"  also: {worst['others']}"))
     if content["static"] is not None:
         parts += [Text(line) for line in _static(content["static"])]
     return Group(*parts)

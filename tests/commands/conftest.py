@@ -23,28 +23,6 @@ HIDDEN = AppliedEffect("viscous_friction", (2,), {"coefficient": [3.0]})
 """What the arm of ``sick`` has and its data sheet lacks."""
 
 
-class Outcome(NamedTuple):
-    """What a command left: exit code, standard output, standard error."""
-
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def gapscope(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
-    """Runs a command in this process."""
-
-    def call(*arguments: object) -> Outcome:
-        with pytest.raises(SystemExit) as ended:
-            main([str(argument) for argument in arguments])
-        code = ended.value.code
-        assert code is None or isinstance(code, int)
-        return Outcome(code or 0, *capsys.readouterr())
-
-    return call
-
-
 def _make(folder: Path, name: str, effects: tuple[AppliedEffect, ...]) -> Path:
     sheet = {"armature": [0.5, 0.2], "coulomb": [1.5, 1.0], "viscous": [1.0, 1.0]}
     arm = chain(folder, "two", *HEAVY, **sheet)
@@ -132,6 +110,18 @@ def both_results(_results: Path, tmp_path: Path) -> Path:
 def results(_results: Path, tmp_path: Path) -> Path:
     """What ``diagnose sick --out results`` leaves; a copy that may be damaged."""
     return Path(shutil.copytree(_results / "sick", tmp_path / "results"))
+
+
+@pytest.fixture
+def open_question(results: Path) -> Path:
+    """The same, but friction may be of another law."""
+    path = results / "diagnosis.json"
+    document = json.loads(path.read_text())
+    rival = {"effect": "coulomb_friction", "joints": [2], "probability": 0.3}
+    rival["separated_by"] = "another speed"
+    document["effects"][0]["alternatives"] = [rival]
+    path.write_text(json.dumps(document))
+    return results
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The command evaluate: files, what it prints, and messages that say what to change."""
+"""The command evaluate: what it writes, a file of the environment, and a run that was interrupted."""
 
 from __future__ import annotations
 
@@ -7,129 +7,217 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-Command = Callable[..., object]
-QUICK = (
-    "--motions",
-    "fourier",
-    "--seeds",
-    1,
-    "--duration",
-    2.0,
-    "--disturbances",
-    "none",
-)
+from gapscope.agents.evaluation import TrackingBench
+from gapscope.commands.evaluation_cells import FOLDER
+from gapscope.provenance import fingerprint
+
+Command = Callable[..., Any]
+FILE = """
+robot: {robot}
+effects: {effects}
+engine: [pybullet]
+motion: fourier
+disturbances: none
+seeds: 1
+episode_length: 1.5
+bandwidth: 3
+action: residual
+"""
+QUICK = ("--motions", "fourier", "--duration", 1.5, "--disturbances", "none")
+
+
+@pytest.fixture
+def env(sick: Path, corrected: Path, tmp_path: Path) -> Path:
+    """A file whose paths are relative to itself."""
+    path = tmp_path / "env.yaml"
+    path.write_text(FILE.format(robot=sick.name, effects=corrected.name))
+    return path
+
+
+@pytest.fixture
+def evaluate(gapscope: Command, tmp_path: Path) -> Command:
+    """Runs an evaluation: its outcome, and its document, if there is one."""
+
+    def call(*arguments: object, out: str = "out") -> tuple[Any, Any]:
+        done = gapscope("evaluate", *arguments, "--out", tmp_path / out)
+        file = tmp_path / out / "evaluation.json"
+        return done, json.loads(file.read_text()) if file.exists() else None
+
+    return call
 
 
 def test_writes_page_document_and_csv(
-    gapscope: Command, sick: Path, corrected: Path, tmp_path: Path
+    evaluate: Command, sick: Path, corrected: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "deep" / "out"
-    (sick / "identification.json").write_text(
-        json.dumps({"files": {"case": "case.yaml", "effects": "effects.yaml"}}),
-        encoding="utf-8",
-    )
+    found = sick / "identification.json"
+    files = {"files": {"case": "case.yaml", "effects": "effects.yaml"}}
+    found.write_text(json.dumps(files), encoding="utf-8")
     shutil.copy(corrected, sick / "effects.yaml")
-    models = (
-        "pd",
-        "nominal",
-        f"mine={corrected}",
-        f"fitted={sick / 'identification.json'}",
-    )
-    done = gapscope(
-        "evaluate",
-        *models,
-        "--robot",
-        sick,
-        "--effects",
-        corrected,
-        "--out",
-        out,
-        *QUICK,
-    )
+    named = ("pd", "nominal", f"mine={corrected}", f"fitted={found}")
+    options = ("--robot", sick, "--effects", corrected, "--seeds", 1)
+    done, content = evaluate(*named, *options, *QUICK, out="deep/out")
     assert done.code == 0, done.err
-    files = ["evaluation.html", "evaluation.json", "evaluation.csv"]
+    out = tmp_path / "deep" / "out"
+    files = [f"evaluation.{ending}" for ending in ("html", "json", "csv")]
     assert done.out.splitlines()[-3:] == [f"wrote {out / name}" for name in files]
     assert sorted(path.name for path in out.iterdir()) == sorted(files)
     assert "mine" in done.out and "rank correlation" in done.out
 
-    content = json.loads((out / "evaluation.json").read_text())
     models = {line["model"]: line for line in content["models"]}
     assert list(models) == ["pd", "nominal", "mine", "fitted"]
-    assert (
-        models["mine"]["joint_error"]["value"]
-        < 0.3 * models["nominal"]["joint_error"]["value"]
-    )
-    assert models["fitted"]["joint_error"] == models["mine"]["joint_error"]
+    error = {name: line["joint_error"] for name, line in models.items()}
+    assert error["mine"]["value"] < 0.3 * error["nominal"]["value"]
+    assert error["fitted"] == error["mine"]
     assert models["pd"]["diverged"]["count"] == 0 and models["pd"]["margin"] > 4.0
     assert content["effects"][0]["effect"] == "viscous_friction"
     with (out / "evaluation.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert (
-        len(rows) == 4 == len(content["episodes"]) and float(rows[0]["joint_error"]) > 0
-    )
+    assert len(rows) == 4 == len(content["episodes"])
+    assert float(rows[0]["joint_error"]) > 0
 
     page = (out / "evaluation.html").read_text(encoding="utf-8")
-    assert (
-        "Plotly" in page
-        and "<script src" not in page
-        and "Tracking of" in page
-        and "mine" in page
+    assert "<script src" not in page
+    assert all(words in page for words in ("Plotly", "Tracking of", "mine"))
+
+
+def test_a_file_stands_in_for_options(
+    evaluate: Command, env: Path, sick: Path, corrected: Path
+) -> None:
+    done, content = evaluate("nominal", "--env", env)
+    assert done.code == 0 and "ignored in an evaluation: action" in done.err
+    assert content["arm"]["joints"] == ["yaw", "pitch"]
+    assert [e["effect"] for e in content["effects"]] == ["viscous_friction"]
+    expected = {
+        "motions": ["fourier"],
+        "disturbances": ["none"],
+        "seeds": [0],
+        "duration": 1.5,
+        "bandwidth": 3.0,
+    }
+    assert {key: content["plan"][key] for key in expected} == expected
+    options = ("--robot", sick, "--effects", corrected, *QUICK)
+    few = ("--seeds", 1, "--bandwidth", 3.0)
+    _, same = evaluate("nominal", *options, *few, out="second")
+    assert content == same
+
+
+def test_options_that_are_given_win(evaluate: Command, env: Path) -> None:
+    done, content = evaluate(
+        "pd", "--env", env, "--bandwidth", 4.0, "--robot", "kuka_iiwa"
     )
+    assert done.code == 0, done.err
+    assert content["plan"]["bandwidth"] == 4.0 and len(content["arm"]["joints"]) == 7
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("nominal", "--motions", "fourie"), "did you mean 'fourier'"),
-        (("nominal", "--motions", "pick"), "three joints"),
-        (("nominal", "--engine", "unity"), "unity"),
-        (("nominal", "--law", "fuzzy"), "fuzzy"),
-        (("nominal", "--bandwidth", 0), "above zero"),
-        (("missing.yaml",), "missing.yaml"),
-        (("missing.json",), "missing.json"),
-        (("nominl",), "did you mean 'nominal'"),
-        (("pd", "pd"), "two models"),
-        (("pd", "--law", "computed", "--motions", "fourier"), "inertia"),
-        (("nominal", "--effects", "missing.yaml"), "missing.yaml"),
-    ],
-)
-def test_bad_input_is_told(
-    gapscope: Command,
+def test_the_registered_name_means_the_defaults(evaluate: Command) -> None:
+    name = "gapscope/ArmTracking-v0"
+    done, content = evaluate("pd", "--env", name, *QUICK, "--seeds", 1)
+    assert done.code == 0, done.err
+    plan = content["plan"]
+    assert plan["bandwidth"] == 4.0 and plan["engines"] == ["pybullet"]
+
+
+class UnpluggedError(Exception):
+    """Somebody pulls the plug."""
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
+    """How many cells were worked on; at ``limit`` the plug is pulled."""
+    state = {"done": 0, "limit": 10**6}
+    for name in ("episodes", "margin"):
+        real = getattr(TrackingBench, name)
+
+        def counting(bench: Any, *arguments: Any, real: Command = real) -> Any:
+            if state["done"] >= state["limit"]:
+                raise UnpluggedError
+            state["done"] += 1
+            return real(bench, *arguments)
+
+        monkeypatch.setattr(TrackingBench, name, counting)
+    return state
+
+
+def unplugged(
+    evaluate: Command, counted: dict[str, int], limit: int, *args: object
+) -> None:
+    """Run until the plug is pulled; nothing is counted yet of the run that goes on."""
+    counted |= {"limit": limit, "done": 0}
+    with pytest.raises(UnpluggedError):
+        evaluate(*args)
+    counted |= {"limit": 10**6, "done": 0}
+
+
+def test_goes_on_where_it_was(
+    evaluate: Command,
     sick: Path,
+    corrected: Path,
     tmp_path: Path,
-    arguments: tuple[object, ...],
-    message: str,
+    counted: dict[str, int],
 ) -> None:
-    done = gapscope("evaluate", *arguments, "--robot", sick, "--out", tmp_path / "out")
-    assert done.code == 2 and message in done.err and "Traceback" not in done.err
-    assert not (tmp_path / "out" / "evaluation.json").exists()
+    options = ("--robot", sick, "--effects", corrected, *QUICK, "--seeds", 2)
+    command = ("pd", "nominal", corrected, *options)
+    assert evaluate(*command, out="whole")[0].code == 0
+    out = tmp_path / "out"
+    unplugged(evaluate, counted, 5, *command)
+    assert len(list((out / FOLDER).iterdir())) == 5
+    assert not (out / "evaluation.json").exists()
+    done, _ = evaluate(*command)
+    assert done.code == 0 and counted["done"] == 4
+    assert "5 parts were taken" in " ".join(done.err.split())
+    for name in ("evaluation.json", "evaluation.csv"):
+        assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    assert not (out / FOLDER).exists()
 
 
-def test_a_model_of_other_joints_is_told(
-    gapscope: Command, sick: Path, tmp_path: Path
+def replaced(old: str, new: str) -> Command:
+    return lambda path: path.write_text(path.read_text().replace(old, new))
+
+
+CHANGES: dict[str, tuple[str, Command]] = {
+    "effects": ("corrected.yaml", replaced("3.0", "2.5")),
+    "model": ("model.yaml", replaced("3.0", "2.5")),
+    "robot": ("sick/*.urdf", replaced('mass value="4"', 'mass value="4.1"')),
+    "damaged": (f"out/{FOLDER}/*", lambda path: path.write_text(path.read_text()[:40])),
+}
+
+
+@pytest.mark.parametrize("change", [*CHANGES, "--damping 0.8", "--again"])
+def test_what_is_kept_is_not_used_for_anything_else(
+    evaluate: Command,
+    sick: Path,
+    corrected: Path,
+    tmp_path: Path,
+    counted: dict[str, int],
+    change: str,
 ) -> None:
-    far = tmp_path / "far.yaml"
-    far.write_text(
-        "schema: 1\neffects:\n  - {effect: coulomb_friction, joints: [7], parameters: {torque: [1.0]}}\n"
-    )
-    done = gapscope("evaluate", far, "--robot", sick, "--out", tmp_path / "out")
-    assert done.code == 2 and "far.yaml" in done.err and "effects[0]" in done.err
-    (sick / "identification.json").write_text(
-        json.dumps({"files": {"case": "case.yaml", "effects": "x.yaml"}})
-    )
-    done = gapscope(
-        "evaluate",
-        sick / "identification.json",
-        "--robot",
-        "kuka_iiwa",
-        "--out",
-        tmp_path / "out",
-    )
-    assert (
-        done.code == 2
-        and "identification.json" in done.err
-        and "yaw, pitch" in done.err
-    )
+    model = tmp_path / "model.yaml"
+    model.write_text(corrected.read_text())
+    command = (model, "--robot", sick, "--effects", corrected, *QUICK, "--seeds", 2)
+    unplugged(evaluate, counted, 2, *command)
+    more = change.split() if change.startswith("--") else []
+    pattern, spoil = CHANGES.get(change, ("", str))
+    for path in tmp_path.glob(pattern) if pattern else ():
+        spoil(path)
+    done, _ = evaluate(*command, *more)
+    assert done.code == 0 and counted["done"] == 3
+    assert "were taken" not in " ".join(done.err.split())
+
+
+def test_other_models_engines_and_seeds_may_be_added(
+    evaluate: Command, sick: Path, counted: dict[str, int]
+) -> None:
+    command = ("--robot", sick, *QUICK)
+    unplugged(evaluate, counted, 1, "pd", *command, "--seeds", 2)
+    assert evaluate("nominal", "pd", *command, "--seeds", 1)[0].code == 0
+    assert counted["done"] == 3
+
+
+def test_fingerprint_tells_what_differs() -> None:
+    values = [1, 1.0, "1", (1,), ((1,),), (1, 1), {"a": 1}, {"b": 1}, None, True]
+    assert len({fingerprint(value) for value in values}) == len(values)
+    assert fingerprint({"a": 1, "b": 2}) == fingerprint({"b": 2, "a": 1})

@@ -117,15 +117,11 @@ def test_identified_case_keeps_it(
     assert gaps(gapscope, out / "identified_case.yaml")[NAME][0] < 0.05
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["gap {0}", "diagnose {0} --out out", f"predict {{0}} --recording {{0}}/{NAME} --out t"],
-)  # fmt: skip
 def test_a_name_that_is_no_recording_is_refused(
-    gapscope: Command, carried: Path, command: str, monkeypatch: pytest.MonkeyPatch
+    gapscope: Command, carried: Path
 ) -> None:
-    monkeypatch.chdir(carried)
     declare(carried, **{"recording_9.csv": LOAD.entry()})
-    done = gapscope(*command.format(carried).split())
-    assert done.code == 2 and "did you mean recording_" in done.err
-    assert "field payloads: no recording is called 'recording_9.csv'" in done.err
+    for command in (("gap",), ("diagnose", "--out", "out"), ("identify", "--out", "x")):
+        done = gapscope(command[0], carried, *command[1:])
+        assert done.code == 2 and "did you mean recording_" in done.err
+        assert "field payloads: no recording is called 'recording_9.csv'" in done.err

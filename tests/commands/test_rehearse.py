@@ -1,4 +1,4 @@
-"""The command rehearse: what is put in, found or not; what is kept of an earlier run; what cannot be asked."""
+"""The command rehearse: what is put in, found or not, and what is kept of an earlier run."""
 
 from __future__ import annotations
 
@@ -43,31 +43,6 @@ def test_what_is_put_in_is_found_beside_what_was_there_and_kept(
     there = ("--effect", "viscous_friction", "--joint", 2)
     done = gapscope("rehearse", sick, "--out", out, *there)
     assert done.code == 2 and "is named as it is" in done.err
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (("--effect", "torque_scales"), "did you mean 'torque_scale'?"),
-        (("--joint", "3"), "known are 1, 2"),
-        (("--sizes", "huge"), "known are half, nine_of_ten, severity"),
-    ],
-)
-def test_names_what_cannot_be_asked(
-    gapscope: Command, sick: Path, options: tuple[str, ...], said: str
-) -> None:
-    done = gapscope("rehearse", sick, *options)
-    assert done.code == 2 and said in " ".join(done.err.split())
-
-
-def test_a_case_without_torque_cannot_be_rehearsed(
-    gapscope: Command, sick: Path
-) -> None:
-    file = sick / "case.yaml"
-    text = file.read_text(encoding="utf-8")
-    file.write_text(f"{text}import: {{tau: null}}\n", encoding="utf-8")
-    done = gapscope("rehearse", sick)
-    assert done.code == 2 and "has no torque" in done.err
 
 
 @pytest.mark.parametrize("name", RECORDED_LAWS)

@@ -81,21 +81,3 @@ def test_it_learns_and_what_it_writes_is_used(
     printed = gapscope("gap", waved, "--model", out / "corrected.yaml", "--json")
     with_network = json.loads(printed.out)["recordings"][-1]["replay_rmse"][1]
     np.testing.assert_allclose(with_network, gaps[1], rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--form", "forest"), "known are best, additive, mlp, tcn"),
-        (("--apart", "nothing"), "known are best, all, effects"),
-        (("--judge", "other.csv"), "no recording is called 'other.csv'"),
-        (("--model", "none.yaml"), "none.yaml"),
-    ],
-)
-def test_wrong_options_are_told(
-    gapscope, sick: Path, tmp_path: Path, options: tuple[str, str], message: str
-) -> None:
-    done = gapscope("residual", sick, "--out", tmp_path / "out", *options)
-    assert done.code == 2
-    assert message in done.err
-    assert not (tmp_path / "out" / "residual.json").exists()

@@ -80,28 +80,3 @@ def test_writes_agent_curve_and_page_and_goes_on(
     )
     assert gapscope(*command, "--seed", 1, "--again").code == 0
     assert (out / "curve.csv").read_bytes() != before
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("nominl",), "did you mean 'nominal'"),
-        (("missing.yaml",), "missing.yaml"),
-        (("nominal", "--agent", "pppo"), "did you mean 'ppo'"),
-        (("nominal", "--agent", "missing.yaml"), "missing.yaml"),
-        (("nominal",), "three joints"),
-        (("nominal", "--steps", 0), "steps"),
-        (("nominal", "--engine", "unity"), "unity"),
-        (("nominal", "--effects", "missing.yaml"), "missing.yaml"),
-    ],
-)
-def test_bad_input_is_told(
-    gapscope: Command,
-    sick: Path,
-    tmp_path: Path,
-    arguments: tuple[object, ...],
-    message: str,
-) -> None:
-    done = gapscope("train", *arguments, "--robot", sick, "--out", tmp_path / "out")
-    assert done.code == 2 and message in done.err.replace("\n", " "), done.err
-    assert not (tmp_path / "out").exists()

@@ -67,11 +67,6 @@ def test_the_layout_names_topics_of_the_file(viewed):
     assert {path.split(".")[0] for path in paths} <= known
 
 
-def test_a_missing_recording_is_named(gapscope, sick, tmp_path):
-    outcome = gapscope("view", sick, "--recording", "no.csv", "--out", tmp_path / "x")
-    assert outcome.code == 2 and "no.csv" in outcome.err
-
-
 def test_links_stand_where_kinematics_puts_the_tool():
     arm = load_nominal_arm("kuka_iiwa")
     body = RigidBody(arm)

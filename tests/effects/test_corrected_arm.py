@@ -48,14 +48,8 @@ PLAY = AppliedEffect("backlash", (2,), {"width": [0.01]})
 
 
 def steady(dq: float, ddq: float = 0.0) -> Motion:
-    t = np.arange(11) / 10
-    zero = np.zeros((11, 2))
-    return Motion(
-        t,
-        zero,
-        np.column_stack([zero[:, 0], np.full(11, dq)]),
-        np.column_stack([zero[:, 0], np.full(11, ddq)]),
-    )
+    still, one = np.zeros((11, 2)), np.tile([0.0, 1.0], (11, 1))
+    return Motion(np.arange(11) / 10, still, dq * one, ddq * one)
 
 
 def test_nominal_arm_is_rigid_body_and_data_sheet(
@@ -99,37 +93,24 @@ def test_load_friction_acts_on_the_whole_motor_torque(
     two: NominalArm, order: tuple[AppliedEffect, ...]
 ) -> None:
     """rigid 10 + Coulomb 0.5 + 3, viscous (0.4 + 2) v with v = 1, rotor (0.1 + 0.5) 2: 17.1, over 1 - 0.2."""
-    needed = CorrectedArm(two, order).needed_torque(
-        np.full((11, 2), 10.0), steady(1.0, 2.0)
-    )
-    np.testing.assert_allclose(needed[:, 1], 17.1 / 0.8)
-    back = CorrectedArm(two, order).needed_torque(
-        np.full((11, 2), 10.0), steady(-1.0, 2.0)
-    )
+    arm, rigid = CorrectedArm(two, order), np.full((11, 2), 10.0)
+    there, back = (arm.needed_torque(rigid, steady(v, 2.0)) for v in (1.0, -1.0))
+    np.testing.assert_allclose(there[:, 1], 17.1 / 0.8)
     np.testing.assert_allclose(back[:, 1], (10 + 1.2 - 3.5 - 2.4) / 1.2)
 
 
-@pytest.mark.parametrize("order", [(ENCODER, PAYLOAD), (PAYLOAD, ENCODER)])
 def test_payload_hangs_where_the_arm_truly_is(
-    two: NominalArm, body: RigidBody, motion: Motion, order: tuple[AppliedEffect, ...]
+    two: NominalArm, body: RigidBody, motion: Motion
 ) -> None:
     model = pin.buildModelFromUrdf(str(two.urdf))
-    model.appendBodyToJoint(
-        2,
-        pin.Inertia(1.2, np.array([0.3, 0.1, 0.0]), np.zeros((3, 3))),
-        pin.SE3.Identity(),
-    )
-    data = model.createData()
-    true = motion.q - [0.1, -0.3]
-    expected = np.array(
-        [
-            pin.rnea(model, data, *row)
-            for row in zip(true, motion.dq, motion.ddq, strict=True)
-        ]
-    )
-    np.testing.assert_allclose(
-        CorrectedArm(two, order).rigid_torque(body, motion), expected, atol=1e-9
-    )
+    load = pin.Inertia(1.2, np.array([0.3, 0.1, 0.0]), np.zeros((3, 3)))
+    model.appendBodyToJoint(2, load, pin.SE3.Identity())
+    data, true = model.createData(), motion.q - [0.1, -0.3]
+    rows = zip(true, motion.dq, motion.ddq, strict=True)
+    expected = np.array([pin.rnea(model, data, *row) for row in rows])
+    for order in ((ENCODER, PAYLOAD), (PAYLOAD, ENCODER)):
+        found = CorrectedArm(two, order).rigid_torque(body, motion)
+        np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 def test_all_effects_in_any_order_predict_the_same(
@@ -296,33 +277,6 @@ def test_predicted_torque_has_the_load_where_it_is(file: Path) -> None:
     assert b[before] == pytest.approx(without[before])
     assert b[~before] == pytest.approx(last[~before])
     assert np.abs(last - without).max() > 0.5
-
-
-@pytest.mark.parametrize(
-    ("place", "problem"),
-    [
-        ("recordings: b.csv", "expected names of recordings"),
-        ("from: 3", "recordings: beside from: and to:"),
-        ("recordings: [b.csv], to: soon", "expected a time in s"),
-        ("recordings: [b.csv], from: 3, to: 2", "which is no time"),
-    ],
-)
-def test_a_wrong_place_is_told_with_its_entry(
-    file: Path, place: str, problem: str
-) -> None:
-    file.write_text(f"schema: 1\neffects:\n  - {CARRIED % (1.0, place)}\n", "utf-8")
-    with pytest.raises(InputError, match=problem) as told:
-        read_corrected(file)
-    assert told.value.where.startswith("effects[0]")
-
-
-def test_an_effect_may_not_hold_twice_at_a_place(file: Path) -> None:
-    twice = COMMON.replace("}}", "}, recordings: [a.csv]}")
-    file.write_text(
-        f"schema: 1\neffects:\n  - {COMMON}\n  - {twice}\n", encoding="utf-8"
-    )
-    with pytest.raises(InputError, match="occurs twice on joint 2"):
-        read_corrected_arm(iiwa_of_three(), file)
 
 
 # Rotor and friction of a motor that turns two joints: by hand, through the file, and refused without a coupling.

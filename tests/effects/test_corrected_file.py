@@ -114,63 +114,63 @@ def entry(text: str) -> str:
     return f"schema: 1\neffects:\n  - {{effect: payload, parameters: {{mass: 1, com: [0, 0, 0]}}}}\n  - {text}\n"
 
 
-COULOMB = "effect: coulomb_friction"
-BAD = {
-    "not YAML": ("effects: [", "is not valid YAML"),
-    "a list": ("[1, 2]", "expected the keys schema: 1 and effects"),
-    "empty": ("", "expected the keys schema: 1 and effects"),
-    "another schema": ("schema: 2\neffects: []", "expected the keys schema: 1"),
-    "effects is no list": ("schema: 1\neffects: {}", "effects: \\[...\\]"),
-    "unknown key": ("schema: 1\neffects: []\nefects: []", "unknown key 'efects'"),
-    "entry is a name": (
-        entry("coulomb_friction"),
-        r"effects\[1\]: expected effect:, joints: and parameters:",
-    ),
-    "unknown effect": (
-        entry("{effect: stiction, joints: [1], parameters: {torque: 1}}"),
-        r"effects\[1\]: unknown effect 'stiction'",
-    ),
-    "missing parameter": (
-        entry(f"{{{COULOMB}, joints: [1], parameters: {{}}}}"),
-        r"effects\[1\], coulomb_friction: expected the param",
-    ),
-    "joint by name": (
-        entry(f"{{{COULOMB}, joints: [elbow], parameters: {{torque: [1]}}}}"),
-        r"effects\[1\]",
-    ),
-    "joints is a number": (
-        entry(f"{{{COULOMB}, joints: 1, parameters: {{torque: [1]}}}}"),
-        r"effects\[1\]",
-    ),
-    "text for a value": (
-        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [much]}}}}"),
-        r"effects\[1\], coulomb_friction.torque: .*not a number",
-    ),
-    "nothing for a value": (
-        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [null]}}}}"),
-        r"effects\[1\], coulomb_friction.torque",
-    ),
-    "lists of unequal length": (
-        entry("{effect: payload, parameters: {mass: 1, com: [0, [1, 2], 0]}}"),
-        r"effects\[1\]",
-    ),
-}
+def coulomb(joints: object = "[1]", torque: object = "[1]", more: str = "") -> str:
+    values = f"{{torque: {torque}}}" if torque else "{}"
+    inside = f"effect: coulomb_friction, joints: {joints}, parameters: {values}{more}"
+    return entry(f"{{{inside}}}")
 
 
-@pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD)
+def beside(text: str) -> str:
+    return f"schema: 1\neffects: []\n{text}\n"
+
+
+def carried(place: str) -> str:
+    return entry(
+        f"{{effect: payload, parameters: {{mass: 1, com: [0, 0, 0]}}, {place}}}"
+    )
+
+
+KEYS, ENTRY = "expected the keys schema: 1 and effects", r"effects\[1\]"
+BAD = [
+    ("effects: [", "is not valid YAML"),
+    ("\xff", "is not a text in UTF-8"),
+    ("[1, 2]", KEYS),
+    ("", KEYS),
+    ("schema: 2\neffects: []", "expected the keys schema: 1"),
+    ("schema: 1\neffects: {}", "effects: \\[...\\]"),
+    (beside("efects: []"), "unknown key 'efects'"),
+    (entry("coulomb_friction"), f"{ENTRY}: expected effect:, joints: and parameters:"),
+    (entry("{effect: stiction}"), ENTRY),
+    (entry("{effect: stiction, joints: [1], parameters: {torque: 1}}"), f"{ENTRY}: unknown effect 'stiction'"),
+    (coulomb(torque=None), f"{ENTRY}, coulomb_friction: expected the param"),
+    (coulomb("[elbow]"), ENTRY),
+    (coulomb(1), ENTRY),
+    (coulomb(torque="[much]"), f"{ENTRY}, coulomb_friction.torque: .*not a number"),
+    (coulomb(torque="[null]"), f"{ENTRY}, coulomb_friction.torque"),
+    (entry("{effect: payload, parameters: {mass: 1, com: [0, [1, 2], 0]}}"), ENTRY),
+    (carried("recordings: b.csv"), f"{ENTRY}.*expected names of recordings"),
+    (carried("from: 3"), f"{ENTRY}.*recordings: beside from: and to:"),
+    (carried("recordings: [b.csv], to: soon"), f"{ENTRY}.*expected a time in s"),
+    (carried("recordings: [b.csv], from: 3, to: 2"), f"{ENTRY}.*which is no time"),
+    (entry("{effect: sign_flip, joints: [2], variant: torque}"), "fault of the set-up"),
+    (f"{coulomb()}  - {coulomb().splitlines()[-1][4:-1]}, recordings: [a.csv]}}", "occurs twice on joint 1"),
+    (beside("remainder: [1.0, 2.0]"), "remainder"),
+    (beside("remainder: heavy"), "remainder"),
+    (beside(f"remainder: {[[1.0] * 9] * 3}"), "remainder"),
+    (beside("presliding: [1.0e-5, 1.0e-5]"), "presliding"),
+    (beside("presliding: [-1.0e-5]"), "presliding"),
+    (beside("presliding: [much]"), "presliding"),
+]  # fmt: skip
+"""What stands in a file, and what is said of it."""
+
+
+@pytest.mark.parametrize(("text", "message"), BAD)
 def test_fault_names_file_and_field(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "found.yaml"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message) as caught:
-        read_corrected(path)
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(InputError, match=f"(?s){message}") as caught:
+        read_corrected_arm(iiwa_of_three(), path)
     assert caught.value.file == path and str(path) in str(caught.value)
-
-
-def test_not_text(tmp_path: Path) -> None:
-    path = tmp_path / "found.yaml"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="is not a text in UTF-8"):
-        read_corrected(path)
 
 
 def test_written_whole_or_not_at_all(tmp_path: Path) -> None:
@@ -233,18 +233,6 @@ def test_what_bodies_lack_comes_back_and_is_left_out_by_simulators(
     )
     with pytest.warns(ModelWarning, match="remainder"):
         assert read_corrected(path) == ()
-
-
-@pytest.mark.parametrize("remainder", [[1.0, 2.0], "heavy", [[1.0] * 9] * 3])
-def test_a_remainder_that_is_not_ten_numbers_a_link_is_refused(
-    remainder: object, tmp_path: Path
-) -> None:
-    path = tmp_path / "corrected.yaml"
-    content = {"schema": 1, "effects": [], "remainder": remainder}
-    path.write_text(yaml.safe_dump(content))
-    with pytest.raises(InputError, match="remainder") as error:
-        read_corrected_arm(iiwa_of_three(), path)
-    assert error.value.file == path
 
 
 # The file of a residual network, and the corrected arm that carries one: no torch is needed to use it.

@@ -11,7 +11,6 @@ import pytest
 from arms import ROD, chain
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import point_mass_parameters
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
@@ -344,13 +343,3 @@ def test_the_corrected_file_holds_it(pendulum: NominalArm, tmp_path) -> None:
     file = tmp_path / "corrected.yaml"
     write_corrected("case", (COULOMB,), file, presliding=[3e-5])
     assert read_corrected_arm(pendulum, file).arm.presliding == pytest.approx([3e-5])
-
-
-@pytest.mark.parametrize("value", ["[1.0e-5, 1.0e-5]", "[-1.0e-5]", "[much]"])
-def test_an_impossible_distance_is_refused(
-    pendulum: NominalArm, tmp_path, value: str
-) -> None:
-    file = tmp_path / "corrected.yaml"
-    file.write_text(f"schema: 1\ncase: x\neffects: []\npresliding: {value}\n")
-    with pytest.raises(InputError, match="presliding"):
-        read_corrected_arm(pendulum, file)

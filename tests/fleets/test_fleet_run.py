@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import fsspec
 import pandas as pd
@@ -14,26 +16,18 @@ from filelock import FileLock
 
 import gapscope
 from gapscope.arm.errors import GapscopeError, InputError, InterruptedRunError
-from gapscope.cli import main
 from gapscope.many.fleet import FleetPlan, run_fleet
 from gapscope.many.rows import FleetStore
 
 
-def run(*arguments: object) -> int:
-    """The exit code of ``gapscope fleet``."""
-    with pytest.raises(SystemExit) as ended:
-        main(["fleet", *map(str, arguments)])
-    return int(ended.value.code or 0)
-
-
 @pytest.mark.slow
 def test_from_cases_to_page_and_again(
-    fleet_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: Callable[..., Any], fleet_folder: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    assert run(fleet_folder, "--out", out) == 1
-    said = capsys.readouterr().out
-    assert "2 diagnosed, 1 failed, 0 kept" in said and "arm_A" in said
+    done = command("fleet", fleet_folder, "--out", out)
+    assert done.code == 1 and "arm_A" in done.out
+    assert "2 diagnosed, 1 failed, 0 kept" in done.out
     store = FleetStore(out)
     cases = store.cases().set_index("unit")
     assert list(cases["date"]) == ["2026-03-14"] * 3
@@ -49,11 +43,8 @@ def test_from_cases_to_page_and_again(
     plain = pd.read_parquet(out / "effects", filters=[("named", "==", True)])
     (row,) = plain.to_dict("records")
     parameter = effect["parameters"]["coefficient"]
-    assert (row["effect"], row["joint"], row["si_unit"]) == (
-        "viscous_friction",
-        1,
-        "N m s/rad",
-    )
+    place = row["effect"], row["joint"], row["si_unit"]
+    assert place == ("viscous_friction", 1, "N m s/rad")
     assert [row["value"], row["std"]] == [*parameter["value"], *parameter["std"]]
     assert row["low"] < row["value"] < row["high"]
     overview = json.loads((out / "fleet.json").read_text("utf-8"))
@@ -70,7 +61,7 @@ def test_from_cases_to_page_and_again(
     broken, healthy = (fleet_folder / f"arm_{name}_2026-03-14" for name in "CB")
     shutil.rmtree(broken)
     shutil.copytree(healthy, broken)
-    assert run(fleet_folder, "--out", out) == 0
+    assert command("fleet", fleet_folder, "--out", out).code == 0
     cases = FleetStore(out).cases()
     assert len(cases) == 3 and (cases["error"] == "").all()
     # merged: one file of each table for a robot and date
@@ -130,26 +121,6 @@ def test_what_was_reported_is_kept_by_a_run_that_is_killed(
     assert list(FleetStore(tmp_path / "killed").cases()["case"]) == [str(broken)]
 
 
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [("--keep", "all"), ("--units-by", "robot"), ("--backend", "slurm")],
-)
-def test_options_are_checked_before_any_work(
-    fleet_folder: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    option: str,
-    value: str,
-) -> None:
-    assert run(fleet_folder, "--out", tmp_path / "out", option, value) == 2
-    assert option in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
-def see_nothing(message: str) -> None:
-    """No progress."""
-
-
 def test_nothing_is_left_in_scratch(
     fleet_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -174,5 +145,5 @@ def test_nothing_is_left_in_scratch(
     (scratch / name).mkdir()
     (scratch / "gapscope-fleet-other-k").mkdir()
     # the next run with these results, whatever its cases, removes what a killed one has left
-    run_fleet(replace(plan, cases=()), see_nothing)
+    run_fleet(replace(plan, cases=()), lambda message: None)
     assert [path.name for path in scratch.iterdir()] == ["gapscope-fleet-other-k"]

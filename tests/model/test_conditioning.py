@@ -94,168 +94,115 @@ class TestLowPass:
         assert np.isfinite(low_pass(np.ones((5, 2)), 250.0, 5.0)).all()
 
 
-class TestCondition:
-    def test_derivatives_of_a_sine(self) -> None:
-        (segment,) = condition(sine(1.5), 30.0)
-        m, inner = segment.motion, segment.inner
-        phase = 2 * np.pi * 1.5 * m.t[inner]
-        w = 2 * np.pi * 1.5
-        np.testing.assert_allclose(
-            m.q[inner], np.column_stack([np.sin(phase), np.cos(phase)]), atol=1e-4
-        )
-        np.testing.assert_allclose(
-            m.dq[inner], w * np.column_stack([np.cos(phase), -np.sin(phase)]), atol=2e-3
-        )
-        np.testing.assert_allclose(
-            m.ddq[inner],
-            -(w**2) * np.column_stack([np.sin(phase), np.cos(phase)]),
-            atol=0.05,
-        )
+def jittered() -> Recording:
+    """Time stamps that scatter by a third of a step."""
+    whole = sine()
+    shift = np.random.default_rng(3).uniform(-0.3, 0.3, len(whole.t)) / 250
+    phase = 2 * np.pi * (whole.t + shift)[:, None] + [0.0, np.pi / 2]
+    return Recording("j.csv", whole.t + shift, np.sin(phase), 3 * np.sin(phase))
 
-    def test_torque_stays_unfiltered_at_the_working_rate(self) -> None:
-        recording = sine(40.0)
-        (segment,) = condition(recording, 10.0)
-        np.testing.assert_array_equal(segment.torque, recording.tau)
-        np.testing.assert_array_equal(segment.motion.t, recording.t)
 
-    def test_inner_trims_both_ends(self) -> None:
-        (segment,) = condition(sine(duration=6.0), 20.0)
-        t = segment.motion.t[segment.inner]
-        assert t[0] == pytest.approx(TRIM, abs=0.005) and t[-1] == pytest.approx(
-            6.0 - TRIM, abs=0.005
-        )
+def gaps(*between: tuple[float, float]) -> Recording:
+    """Eight seconds without the rows between moments [s]."""
+    whole = sine(duration=8.0)
+    gone = [(whole.t > start) & (whole.t < end) for start, end in between]
+    return without(whole, ~np.any(gone, axis=0))
 
-    def test_gap_is_cut_and_not_bridged(self) -> None:
-        whole = sine(0.5, duration=8.0)
-        recording = without(whole, (whole.t < 3.0) | (whole.t > 3.5))
-        first, second = condition(recording, 20.0)
-        assert first.motion.t[-1] < 3.0 and second.motion.t[0] > 3.5
-        assert len(first.motion.t) + len(second.motion.t) == len(recording.t)
-        for segment in (first, second):
-            expected = np.pi * np.cos(np.pi * segment.motion.t)
-            np.testing.assert_allclose(
-                segment.motion.dq[segment.inner, 0], expected[segment.inner], atol=5e-3
-            )
 
-    def test_short_stretches_between_gaps_are_left_out(self) -> None:
-        whole = sine(duration=8.0)
-        keep = (whole.t < 3.0) | ((whole.t > 3.5) & (whole.t < 4.5)) | (whole.t > 5.0)
-        recording = without(whole, keep)
-        assert [(recording.t[s][0], recording.t[s][-1]) for s in pieces(recording)] == [
-            (0.0, pytest.approx(2.996)),
-            (pytest.approx(5.004), 8.0),
-        ]
-        assert len(condition(recording, 20.0)) == 2
+LOGS = {
+    "even": (sine(), 1, 250.0, 1.0),
+    "a lost row in 200": (without(sine(), np.arange(1501) % 200 != 100), 1, 250.0, 9.0),
+    "jitter": (jittered(), 1, 250.0, 9.0),
+    "a gap is cut": (gaps((3.0, 3.5)), 2, 250.0, 2.0),
+    "a short stretch is left out": (gaps((3.0, 3.5), (4.2, 5.0)), 2, 250.0, 2.0),
+    "slow": (sine(rate=60.0), 1, 60.0, 9.0),
+    "not quite twice": (sine(rate=499.0), 1, 499.0, 1.0),
+    "every second row": (sine(rate=600.0), 1, 300.0, 1.0),
+    "every fourth row": (sine(rate=1000.0), 1, 250.0, 1.0),
+    "every twentieth row": (sine(rate=5000.0), 1, 250.0, 1.0),
+}
+"""A log of sines of 1 Hz, its stretches, the rate to work at [Hz], and how much less exact it is."""
 
-    def test_a_lost_sample_is_no_gap(self) -> None:
-        whole = sine(1.0)
+
+@pytest.mark.parametrize("log", LOGS)
+def test_stretches_hold_the_motion_and_the_torque(log: str) -> None:
+    """Evenly sampled on one clock, trimmed, with derivatives; nothing is invented between them."""
+    recording, stretches, rate, loose = LOGS[log]
+    found = condition(recording, 20.0)
+    assert len(found) == stretches
+    for segment in found:
+        motion, inner = segment.motion, segment.inner
+        t, w = motion.t[inner], 2 * np.pi
+        assert motion.rate == pytest.approx(rate, rel=1e-2)
+        assert np.ptp(np.diff(motion.t)) < 1e-9
+        assert np.abs(recording.t[:, None] - motion.t).min(axis=0).max() < 1.1 / rate
+        assert t[0] - motion.t[0] == pytest.approx(TRIM, abs=0.6 / rate)
+        assert motion.t[-1] - t[-1] == pytest.approx(TRIM, abs=0.6 / rate)
+        phase = w * t[:, None] + [0.0, np.pi / 2]
+        assert motion.q[inner] == pytest.approx(np.sin(phase), abs=2e-4 * loose)
+        assert motion.dq[inner] == pytest.approx(w * np.cos(phase), abs=2e-3 * loose)
+        bend = -(w**2) * np.sin(phase)
+        assert motion.ddq[inner] == pytest.approx(bend, abs=0.05 * loose)
+        torque = 3 * np.sin(phase)
+        assert segment.torque[inner] == pytest.approx(torque, abs=1e-3 * loose)
+
+
+def test_torque_stays_unfiltered_at_the_working_rate() -> None:
+    recording = sine(40.0)
+    (segment,) = condition(recording, 10.0)
+    np.testing.assert_array_equal(segment.torque, recording.tau)
+    np.testing.assert_array_equal(segment.motion.t, recording.t)
+
+
+def test_stamps_next_to_each_other_have_no_slope_between_them() -> None:
+    whole = sine()
+    t = np.insert(whole.t, 1, 1e-320)
+    q = np.insert(whole.q, 1, whole.q[1], axis=0)
+    grid, resampled = uniform(t, q, whole.rate)
+    assert resampled == pytest.approx(whole.q[: len(grid)], abs=1e-6)
+
+
+@pytest.mark.parametrize("rate", [1000.0, 5000.0])
+def test_fast_log_is_decimated_and_keeps_the_torque_band(rate: float) -> None:
+    """Sines of up to 12 Hz stay, and what lies far above the new Nyquist does not fold into the band."""
+    t = np.arange(round(6 * rate)) / rate
+    q = np.column_stack([np.sin(t), np.cos(t)])
+    for frequency, expected in ((2.0, 1.0), (12.0, 1.0), (0.4 * rate + 3.0, 0.0)):
+        tau = np.sin(2 * np.pi * frequency * t)
         (segment,) = condition(
-            without(whole, np.arange(len(whole.t)) % 200 != 100), 20.0
+            Recording("fast.csv", t, q, np.column_stack([tau, tau])), 20.0
         )
-        assert len(whole.t) - 2 <= len(segment.motion.t) <= len(whole.t)
-        expected = 2 * np.pi * np.cos(2 * np.pi * segment.motion.t)
-        np.testing.assert_allclose(
-            segment.motion.dq[segment.inner, 0], expected[segment.inner], atol=0.02
+        torque, time = (
+            segment.torque[segment.inner, 0],
+            segment.motion.t[segment.inner],
         )
-
-    def test_jitter_is_resampled(self) -> None:
-        t = np.arange(1500) / 250
-        jittered = t + np.random.default_rng(3).uniform(-0.3, 0.3, len(t)) / 250
-        phase = 2 * np.pi * jittered[:, None] + [0.0, np.pi / 2]
-        recording = Recording("jitter.csv", jittered, np.sin(phase), 3 * np.sin(phase))
-        (segment,) = condition(recording, 15.0)
-        steps = np.diff(segment.motion.t)
-        assert np.ptp(steps) < 1e-9
-        expected = np.sin(2 * np.pi * segment.motion.t[:, None] + [0.0, np.pi / 2])
-        np.testing.assert_allclose(
-            segment.motion.q[segment.inner], expected[segment.inner], atol=1e-3
-        )
-        np.testing.assert_allclose(
-            segment.torque[segment.inner], 3 * expected[segment.inner], atol=5e-3
+        assert len(time) < len(t) / 2
+        assert (
+            np.abs(torque - expected * np.sin(2 * np.pi * frequency * time)).max()
+            < 1e-3
         )
 
-    def test_stamps_next_to_each_other_have_no_slope_between_them(self) -> None:
-        whole = sine()
-        t = np.insert(whole.t, 1, 1e-320)
-        q = np.insert(whole.q, 1, whole.q[1], axis=0)
-        grid, resampled = uniform(t, q, whole.rate)
-        assert np.isfinite(resampled).all()
-        assert resampled == pytest.approx(whole.q[: len(grid)], abs=1e-6)
 
-    def test_uniform_time_keeps_its_samples(self) -> None:
-        recording = sine()
-        t, q = uniform(recording.t, recording.q, recording.rate)
-        assert t is recording.t and q is recording.q
-
-    @pytest.mark.parametrize("rate", [1000.0, 5000.0])
-    def test_fast_log_is_decimated_and_keeps_the_torque_band(self, rate: float) -> None:
-        """Sines of up to 12 Hz stay, and what lies far above the new Nyquist does not fold into the band."""
-        t = np.arange(round(6 * rate)) / rate
-        q = np.column_stack([np.sin(t), np.cos(t)])
-        for frequency, expected in ((2.0, 1.0), (12.0, 1.0), (0.4 * rate + 3.0, 0.0)):
-            tau = np.sin(2 * np.pi * frequency * t)
-            (segment,) = condition(
-                Recording("fast.csv", t, q, np.column_stack([tau, tau])), 20.0
-            )
-            torque, time = (
-                segment.torque[segment.inner, 0],
-                segment.motion.t[segment.inner],
-            )
-            assert len(time) < len(t) / 2
-            assert (
-                np.abs(torque - expected * np.sin(2 * np.pi * frequency * time)).max()
-                < 1e-3
-            )
-
-    def test_phase_of_a_decimated_log(self) -> None:
-        """Position and torque of a 5 kHz log stay on the same clock."""
-        (segment,) = condition(sine(3.0, rate=5000.0), 30.0)
-        time = segment.motion.t[segment.inner]
-        for series in (
-            segment.motion.q[segment.inner, 0],
-            segment.torque[segment.inner, 0] / 3,
-        ):
-            assert at(3.0, series, time) == pytest.approx(1.0, abs=1e-3)
-
-    @pytest.mark.parametrize(
-        ("rate", "working"),
-        [
-            (30.0, 30.0),
-            (499.0, 499.0),
-            (600.0, 300.0),
-            (1000.0, 250.0),
-            (5000.0, 250.0),
-        ],
-    )
-    def test_rate_is_decimated_to_no_less_than_250(
-        self, rate: float, working: float
-    ) -> None:
-        (segment,) = condition(sine(rate=rate), 10.0)
-        assert segment.motion.rate == pytest.approx(working, rel=1e-3)
-
-    def test_without_torque_but_with_sensor(self) -> None:
-        recording = sine(torque=False)
+def test_without_torque_but_with_sensor() -> None:
+    bare = sine(torque=False)
+    sensor = Recording("s.csv", bare.t, bare.q, tau_sensor=2 * bare.q)
+    for recording in (bare, sensor):
         (segment,) = condition(recording, 10.0)
-        assert segment.torque is None and segment.torque_sensor is None
-        with_sensor = Recording(
-            "s.csv", recording.t, recording.q, tau_sensor=2 * recording.q
-        )
-        np.testing.assert_array_equal(
-            condition(with_sensor, 10.0)[0].torque_sensor, 2 * recording.q
-        )
+        assert segment.torque is None
+        np.testing.assert_array_equal(segment.torque_sensor, recording.tau_sensor)
 
-    def test_too_short_a_recording_is_an_input_error(self) -> None:
-        with pytest.raises(
-            InputError,
-            match=r"sine\.csv: lasts 0\.8 s, at least 1 s is needed(.|\n)*remedy",
-        ) as caught:
-            condition(sine(duration=0.8), 10.0)
-        assert caught.value.exit_code == 2
 
-    def test_gaps_everywhere_are_an_input_error(self) -> None:
-        whole = sine(duration=8.0)
-        with pytest.raises(InputError, match="no stretch without a gap"):
-            condition(without(whole, (whole.t % 1.0) < 0.8), 10.0)
+@pytest.mark.parametrize(
+    ("recording", "said"),
+    [
+        (sine(duration=0.8), r"sine\.csv: lasts 0\.8 s, at least 1 s is needed"),
+        (gaps(*((k - 0.2, float(k)) for k in range(1, 9))), "no stretch without a gap"),
+    ],
+)
+def test_what_is_too_short_is_an_input_error(recording: Recording, said: str) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        condition(recording, 10.0)
+    assert caught.value.exit_code == 2 and caught.value.remedy
 
 
 class TestCutoff:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import base64
 import re
-import shutil
-import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -15,8 +13,6 @@ from typing import Any
 import documents
 import numpy as np
 import pytest
-from guard import HANG
-from sweeps import nightly
 
 from gapscope.diagnosis.document.wording import verdict_sentence
 from gapscope.diagnosis.locate import MotionRows, locate
@@ -32,10 +28,6 @@ from gapscope.reports.diagnosis import (
 )
 from gapscope.reports.diagnosis import place_curves as curves
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
-    None,
-)
 EVIL = "<script>alert('x')</script><img src=http://evil.example/x.png>"
 
 
@@ -257,31 +249,6 @@ def test_the_summary_has_one_row_per_case(tmp_path: Path) -> None:
         "line 12",
     ):
         assert expected in page.text
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium on the PATH")
-@pytest.mark.parametrize(
-    ("make", "figures"), [(documents.two_effects, 6), nightly(documents.no_gap, 2)]
-)
-def test_a_browser_draws_the_figures_offline(
-    make: Callable[[], Any], figures: int, tmp_path: Path
-) -> None:
-    rendered(make(), tmp_path)
-    options = (
-        "headless no-sandbox disable-gpu window-size=1280,6000 disable-background-networking "
-        "disable-component-update disable-sync virtual-time-budget=5000 enable-logging=stderr dump-dom"
-    )
-    command = [str(CHROMIUM), *(f"--{option}" for option in options.split())]
-    command += ["--host-resolver-rules=MAP * ~NOTFOUND"]
-    command += [f"--user-data-dir={tmp_path / 'profile'}"]
-    command += [(tmp_path / "report.html").as_uri()]
-    done = subprocess.run(
-        command, capture_output=True, text=True, timeout=HANG, check=True
-    )
-    drawn = re.findall(r'class="figure[^"]*js-plotly-plot"', done.stdout)
-    assert len(drawn) == figures
-    assert len(re.findall(r'<g class="trace scatter', done.stdout)) >= 2 * figures
-    assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
 
 
 def test_where_the_gap_lies_as_pictures(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import documents
 import numpy as np
 import pytest
-from guard import HANG
+from browser import accessibility_problems, needs_chromium, opened, playwright
 
 from gapscope.arm.dynamics.link_shapes import link_hulls
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -18,16 +17,7 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.assessment.replay_gap import ReplayedMotion
 from gapscope.reports.diagnosis import render
 
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="Playwright is not installed: make setup"
-)
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
-    None,
-)
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium on this machine (Debian: chromium)"
-)
+pytestmark = needs_chromium
 COLOURED = """() => {
     const probe = document.body.appendChild(document.createElement("i"));
     probe.style.color = "var(--card)";
@@ -55,38 +45,11 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[playwright.Browser]:
-    with playwright.sync_playwright() as started:
-        options = ["--enable-unsafe-swiftshader"]
-        opened = started.chromium.launch(
-            executable_path=CHROMIUM, args=options, timeout=1000 * HANG
-        )
-        yield opened
-        opened.close()
-
-
 @pytest.fixture
-def page(browser, report) -> Iterator[playwright.Page]:
-    """The report, opened; it must load nothing and complain of nothing."""
-    context = browser.new_context(viewport={"width": 1280, "height": 900})
-    context.set_default_timeout(1000 * HANG)
-    context.grant_permissions(["clipboard-read", "clipboard-write"])
-    opened = context.new_page()
-    asked, complaints = [], []
-    opened.on("request", lambda request: asked.append(request.url))
-    opened.on("pageerror", lambda error: complaints.append(str(error)))
-    opened.on(
-        "console",
-        lambda message: (
-            complaints.append(message.text) if message.type == "error" else None
-        ),
-    )
-    opened.goto(report.as_uri())
-    yield opened
-    context.close()
-    assert complaints == []
-    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []  # fmt: skip
+def page(report: Path) -> Iterator[playwright.Page]:
+    """The report, opened; it loads nothing but itself."""
+    with opened(report.as_uri(), "file:") as page:
+        yield page
 
 
 def test_a_report_is_small(report):
@@ -98,6 +61,7 @@ def test_torque_and_arm_are_drawn(page):
         "document.querySelectorAll('#torque-figure .scatterlayer .trace').length >= 3"
     )
     page.wait_for_function("document.querySelectorAll('#arm-view canvas').length === 1")
+    page.wait_for_function("document.querySelectorAll('.js-plotly-plot').length >= 6")
 
 
 def test_joints_are_chosen_by_mouse_and_by_keyboard(page):
@@ -160,16 +124,9 @@ def test_a_phone_needs_no_sideways_scrolling(page):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing(page, scheme):
-    axe_playwright = pytest.importorskip("axe_playwright_python.sync_playwright")
     page.emulate_media(color_scheme=scheme)
     page.wait_for_function(COLOURED)
-    found = axe_playwright.Axe().run(page).response["violations"]
-    told = [
-        f"{violation['id']} ({violation['impact']}): {node['html'][:120]}"
-        for violation in found
-        for node in violation["nodes"]
-    ]
-    assert told == []
+    assert accessibility_problems(page) == []
 
 
 def test_it_prints_as_pages(page, tmp_path):

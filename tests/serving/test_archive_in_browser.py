@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 import json
-import shutil
 import threading
 
 import documents
 import pytest
-from guard import HANG
+from browser import accessibility_problems, needs_chromium, opened
 
 from gapscope.many.archive import Archive, ArchiveServer
 from gapscope.reports.diagnosis import render
 
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="Playwright is not installed: make setup"
-)
 PLOT = ".js-plotly-plot .main-svg"  # drawn some time after the page is there
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
-    None,
-)
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium on this machine (Debian: chromium)"
-)
+pytestmark = needs_chromium
 
 
 @pytest.fixture(scope="module")
@@ -49,20 +39,9 @@ def address(tmp_path_factory):
 
 @pytest.fixture
 def page(address):
-    """The table; no page may complain or ask for anything elsewhere."""
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, timeout=1000 * HANG)
-        opened = browser.new_page()
-        opened.set_default_timeout(1000 * HANG)
-        complaints, asked = [], []
-        opened.on("pageerror", lambda error: complaints.append(str(error)))
-        opened.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)  # fmt: skip
-        opened.on("request", lambda request: asked.append(request.url))
-        opened.goto(address)
-        yield opened
-        browser.close()
-    assert complaints == []
-    assert all(url.startswith((address, "data:", "blob:")) for url in asked)
+    """The table, opened; no page asks for anything elsewhere."""
+    with opened(address, address) as page:
+        yield page
 
 
 def test_from_the_table_to_a_unit_and_to_a_report(page):
@@ -82,8 +61,6 @@ def test_from_the_table_to_a_unit_and_to_a_report(page):
 
 
 def test_no_accessibility_problem_is_found(page):
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     for address in (page.url, f"{page.url}unit/arm"):
         page.goto(address)
-        found = axe.run(page).response["violations"]
-        assert [(problem["id"], problem["nodes"][0]["html"]) for problem in found] == []
+        assert accessibility_problems(page) == []
