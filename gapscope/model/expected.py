@@ -7,8 +7,10 @@ shared, is b = S e x + n with n ~ N(0, S). With the prior W of its coordinates a
 
 has mean 1/2 (x^2 e^T S M S e + tr M S) - 1/2 log det(I + W S W) + prior odds and variance
 x^2 e^T S M S M S e + 1/2 tr (M S)^2. It is named if g > 0; with g taken as normal, that has probability p at the x at
-which the mean is Phi^-1(p) deviations above 0. To be seen as well, the effect as it is estimated must widen
-the gap of some joint beyond what is left there, r, by v: sqrt(r^2 + c^2 x^2) >= r + v, with c the RMS of its column.
+which the mean is Phi^-1(p) deviations above 0. Another effect may explain the same: with S the information on both and
+diag(M, -M') in the place of M, g is the evidence over that rival. To be seen as well, the effect as it is estimated
+must widen the gap of some joint beyond what is left there, r, by v: sqrt(r^2 + c^2 x^2) >= r + v, with c the RMS of
+its column.
 """
 
 from __future__ import annotations
@@ -16,9 +18,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import brentq
 from scipy.stats import norm
 
@@ -31,7 +35,7 @@ from gapscope.model.equations import (
     forward,
     lower,
 )
-from gapscope.model.terms import Term
+from gapscope.model.terms import Candidate, Term
 
 HALF, MOST = 0.5, 0.9
 """Probabilities of being named for which sizes are given. (definition)"""
@@ -80,27 +84,78 @@ def detectable(
     rest = np.sqrt((fit.left**2).mean(axis=0))
     # c x of sqrt(r^2 + c^2 x^2) = r + v
     seen = np.sqrt((rest + visible) ** 2 - rest**2)
-    for one in own.candidates:
-        mine = own.places(one)
+    further = [
+        one
+        for one in own.candidates
         # a limit has no size: it is there or not
-        if one.groups != (group,) or one in fit.chosen or one.term.definition.limits:
-            continue
-        cross = own.products(places, mine)
-        information = own.products(mine, mine) - cross.T @ back @ cross
-        odds = weigher.odds([*fit.chosen, one]) - known - float(np.log(len(own.sizes)))
-        widths = [own.deviations([one], [size]) for size in own.sizes]
+        if one.groups == (group,)
+        and one not in fit.chosen
+        and not one.term.definition.limits
+    ]
+    every = own.joined(further)
+    cross = own.products(places, every)
+    information = own.products(every, every) - cross.T @ back @ cross
+    ends = np.cumsum([len(one.term.columns) for one in further])
+    at = dict(zip(further, np.split(np.arange(len(every)), ends[:-1]), strict=True))
+    odds = {one: weigher.odds([*fit.chosen, one]) - known for one in further}
+    # as wide as a prior gets, an effect explains all that its columns can
+    wide = {
+        one: _beside_prior(information, at[one], own.deviations([one], [own.sizes[-1]]))
+        for one in further
+    }
+    for one in further:
+        unit, mine = own.design.units[one.term], at[one]
+        alone = odds[one] - float(np.log(len(own.sizes)))
+        sizes = np.full(len(SCATTER), np.inf)
         # of the prior width that serves it best, as in a search
-        sizes = [
-            min(_size(information, width, odds, p) for width in widths)
-            for p in (HALF, MOST)
-        ]
+        for size in own.sizes:
+            middle, charge = _beside_prior(
+                information, mine, own.deviations([one], [size])
+            )
+            sizes = np.minimum(sizes, _sizes(information, mine, middle, alone + charge))
         # what is estimated scatters about the size that is there
-        told = np.linalg.inv(information + np.diag(widths[-1] ** -2.0))[0, 0]
-        least = _least(own.design, one.term, seen) + SCATTER * np.sqrt(told)
-        half, most = np.maximum(sizes, least) / own.design.units[one.term][0]
+        middle, charge = wide[one]
+        least = _least(own.design, one.term, seen) + SCATTER * np.sqrt(middle[0, 0])
+        sizes = np.maximum(sizes, least)
+        # what explains most of it in its place, if it can have the value
+        explained = {}
+        for other in further:
+            pull = information[at[other], mine[0]]
+            value = wide[other][0] @ pull
+            if other is not one and not _told_apart(one, other):
+                scale = own.design.units[other.term]
+                std = np.sqrt(np.diag(wide[other][0])) / scale
+                chance = weigher.chance(other.term, value * sizes[1] / scale, std)
+                if np.isfinite(chance):
+                    explained[other] = float(pull @ value)
+        if explained and np.isfinite(sizes[1]):
+            rival = max(explained, key=lambda other: explained[other])
+            against, penalty = wide[rival]
+            # more likely than the rival and nothing together, if these are as likely
+            over = odds[one] + charge - odds[rival] - penalty - float(np.log(2.0))
+            both = np.concatenate([mine, at[rival]])
+            parts = block_diag(middle, -against)
+            sizes = np.maximum(sizes, _sizes(information, both, parts, over))
+        half, most = sizes / unit[0]
         searched = found.found.get(one.term)
         shape = searched.values if searched else ()
         yield Detectable(one.term, float(half), float(most), tuple(shape))
+
+
+def _told_apart(one: Candidate, other: Candidate) -> bool:
+    """Whether two effects are equal to first order: least squares tell them apart, not what is asked here."""
+    near = one.term.definition.near_equivalent, other.term.definition.near_equivalent
+    return other.effect == near[0] or one.effect == near[1]
+
+
+def _beside_prior(
+    information: np.ndarray, at: np.ndarray, width: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """M of coordinates with prior deviations W, (k, k), and -1/2 log det(I + W S W) [nats]."""
+    own = information[np.ix_(at, at)]
+    normal = np.eye(len(width)) + width[:, None] * own * width
+    charge = -float(np.linalg.slogdet(normal)[1]) / 2
+    return np.linalg.inv(own + np.diag(width**-2.0)), charge
 
 
 def expected_entries(found: Iterable[Detectable]) -> list[dict[str, Any]]:
@@ -144,40 +199,42 @@ def _least(made: Design, term: Term, seen: np.ndarray) -> float:
     return least
 
 
-def _size(
-    information: np.ndarray, width: np.ndarray, odds: float, probability: float
-) -> float:
-    """Size of the first coordinate at which evidence is above zero with a probability; infinite if it never is."""
-    count = len(width)
-    middle = np.linalg.inv(information + np.diag(width**-2.0))
-    told = middle @ information
-    first = information[0]
+def _sizes(
+    information: np.ndarray, at: np.ndarray, middle: np.ndarray, charge: float
+) -> np.ndarray:
+    """Sizes of the first coordinate at which evidence is above zero with ``HALF`` and ``MOST``; infinite if never.
+
+    Args:
+        information: S on all coordinates.
+        at: places of those that count, the first one that of the size.
+        middle: M of these, less that of a rival, (k, k).
+        charge: of the evidence what depends on no data [nats].
+    """
+    own = information[np.ix_(at, at)]
+    told, first = middle @ own, own[0]
     # e^T S M S e and e^T S M S M S e
-    slope, spread = (
-        first @ middle @ first,
-        first @ middle @ information @ middle @ first,
-    )
-    normal = np.eye(count) + width[:, None] * information * width
+    slope, spread = first @ middle @ first, first @ middle @ own @ middle @ first
+    # no rival explains more of an effect than that itself: of twins prior odds decide
+    slope = max(float(slope), 0.0)
     # what of the mean, and below of the variance, does not depend on the size
-    charge = odds - float(np.linalg.slogdet(normal)[1]) / 2 + float(np.trace(told)) / 2
-    scatter = float((told * told.T).sum()) / 2
-    deviations = float(norm.ppf(probability))
+    mean, variance = charge + np.trace(told) / 2, (told * told.T).sum() / 2
 
-    def above(size: float) -> float:
+    def above(size: float, deviations: float) -> float:
         """Mean of the evidence less so many deviations of it [nats]."""
-        mean = slope * size**2 / 2 + charge
-        return float(mean - deviations * np.sqrt(spread * size**2 + scatter))
+        # of twins nothing scatters, but for rounding
+        scatter = deviations * np.sqrt(max(spread * size**2 + variance, 0.0))
+        return float(slope * size**2 / 2 + mean - scatter)
 
-    return rising_root(above, LARGEST) if slope > 0 else float(np.inf)
+    return np.array([_rising_root(partial(above, deviations=d)) for d in SCATTER])
 
 
-def rising_root(above: Callable[[float], float], largest: float) -> float:
-    """Where a rising function crosses zero; infinite if beyond the largest size."""
-    if above(largest) < 0:
-        return float(np.inf)
+def _rising_root(above: Callable[[float], float]) -> float:
+    """Where a rising function crosses zero; infinite if beyond ``LARGEST``."""
     if above(0.0) >= 0:
         return 0.0
-    return float(brentq(above, 0.0, largest, xtol=1e-6 * largest))
+    if above(LARGEST) < 0:
+        return float(np.inf)
+    return float(brentq(above, 0.0, LARGEST, xtol=1e-6 * LARGEST))
 
 
 # What a motion that is only planned would tell between hypotheses of the recordings at hand.
