@@ -7,7 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any
 from xml.parsers import expat
 
 import numpy as np
+from pinocchio import SE3
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.errors import InputError
@@ -23,24 +24,6 @@ from gapscope.arm.io.table import LARGEST_NUMBER
 from gapscope.arm.nearest_name import nearest
 
 # --- what a file holds
-
-
-@dataclass(frozen=True)
-class Place:
-    """Place of a frame in another: p = R p' + x.
-
-    Attributes:
-        rotation: R [1], shape (3, 3).
-        translation: x [m], shape (3,).
-    """
-
-    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
-    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
-
-    def __mul__(self, inner: Place) -> Place:
-        """Place of a frame that is placed in this one."""
-        shift = self.rotation @ inner.translation
-        return Place(self.rotation @ inner.rotation, self.translation + shift)
 
 
 @dataclass(frozen=True)
@@ -137,7 +120,7 @@ class Shape:
     use: str
     kind: str
     size: tuple[float, ...]
-    place: Place
+    place: SE3
     named: str = ""
     mesh: Path | None = None
     colour: tuple[float, ...] | None = None
@@ -228,7 +211,7 @@ class Joint:
     kind: str
     parent: str
     child: str
-    place: Place
+    place: SE3
     axis: np.ndarray
     anchor: np.ndarray
     turns_freely: bool = False
@@ -369,10 +352,10 @@ class Description:
             raise InputError(f"no joint moves {tip!r} against {base!r}", file=self.file)
         return names
 
-    def rigid_part(self, link: str) -> list[tuple[Link, Place]]:
+    def rigid_part(self, link: str) -> list[tuple[Link, SE3]]:
         """A link and what fixed joints hold below it, with their places in its frame."""
-        found: dict[str, tuple[Link, Place]] = {}
-        waiting = [(link, Place())]
+        found: dict[str, tuple[Link, SE3]] = {}
+        waiting = [(link, SE3.Identity())]
         while waiting:
             name, place = waiting.pop()
             if name in found:  # a loop of fixed joints, which a broken file may have
@@ -528,7 +511,7 @@ class _Reader:
         self.unreadable.append(Unreadable(place, line, "<inertial>", None, what))
 
     def inertial(
-        self, element: ET.Element, pose: Place, mass: float | None, own: np.ndarray
+        self, element: ET.Element, pose: SE3, mass: float | None, own: np.ndarray
     ) -> Inertial:
         """Of moments in axes of an inertial frame, (3, 3), which is placed in the link's."""
         turned = pose.rotation @ own @ pose.rotation.T
@@ -665,11 +648,11 @@ class _UrdfReader(_Reader):
         own = moments_matrix(values[name] for name in MOMENTS)
         return self.inertial(element, self._place(element, place), values["value"], own)
 
-    def _place(self, element: ET.Element, place: str) -> Place:
+    def _place(self, element: ET.Element, place: str) -> SE3:
         """Place by the ``<origin>`` of an element."""
         origin = element.find("origin")
         xyz, rpy = (self.several(origin, key, ZERO, place) for key in ("xyz", "rpy"))
-        return Place(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
+        return SE3(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
 
     def _shape(self, element: ET.Element, place: str) -> Shape:
         geometry, pose = element.find("geometry"), self._place(element, place)
@@ -716,9 +699,9 @@ TURNS: dict[str, tuple[float, ...]] = {
 """Attributes that turn an element, with what stands in for one that cannot be read."""
 
 
-def along(first: np.ndarray, second: np.ndarray) -> Place:
+def along(first: np.ndarray, second: np.ndarray) -> SE3:
     """Place in the middle of two points [m] with the z axis from the first to the second."""
-    return Place(_turn_of_z(second - first), (first + second) / 2)
+    return SE3(_turn_of_z(second - first), (first + second) / 2)
 
 
 def _turn_of_z(direction: np.ndarray) -> np.ndarray:
@@ -890,7 +873,7 @@ class _MjcfReader(_Reader):
                 child = f"{name} after joint {number}"
                 self._links.append(Link(child, 0, None))
             self._joints.append(self._joint(element, parent, child, place))
-            parent, place = child, Place()
+            parent, place = child, SE3.Identity()
         if not own:
             called, line = f"{name} (fixed)", self.lines[body]
             fixed = Joint(
@@ -910,9 +893,7 @@ class _MjcfReader(_Reader):
             )
         )
 
-    def _joint(
-        self, element: ET.Element, parent: str, child: str, pose: Place
-    ) -> Joint:
+    def _joint(self, element: ET.Element, parent: str, child: str, pose: SE3) -> Joint:
         name = element.get("name", f"joint of {child}")
         place, kind = f"joint {name}", element.get("type", "hinge")
         kind = KINDS.get("free" if element.tag == "freejoint" else kind, kind)
@@ -988,7 +969,7 @@ class _MjcfReader(_Reader):
         density = Shape.density if density is None else density
         return Shape(use, kind, size, pose, named, mesh, None, mass, density)
 
-    def _place(self, element: ET.Element, place: str) -> Place:
+    def _place(self, element: ET.Element, place: str) -> SE3:
         """Place by ``pos`` and the first attribute of ``TURNS``; a turn that is none is noted, or unity."""
         position, turn = self.several(element, "pos", ZERO, place), np.eye(3)
         key = next((key for key in TURNS if key in element.attrib), "")
@@ -1010,7 +991,7 @@ class _MjcfReader(_Reader):
             turn = np.column_stack([x, y, np.cross(x, y)])
         elif key == "zaxis":
             turn = _turn_of_z(given)
-        return Place(turn, position)
+        return SE3(turn, position)
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

@@ -17,7 +17,6 @@ from gapscope.arm.dynamics.description import (
     Inertial,
     Joint,
     Mimic,
-    Place,
     Shape,
     read_description,
 )
@@ -247,7 +246,7 @@ def _weighed(shape: Shape) -> pin.Inertia:
         "capsule": (pin.Inertia.FromCapsule, ball + disc * rest),
     }[shape.kind]
     mass = shape.density * volume if shape.mass is None else shape.mass
-    return _frame(shape.place).act(make(float(mass), *shape.size))
+    return shape.place.act(make(float(mass), *shape.size))
 
 
 # --- the model
@@ -287,7 +286,7 @@ def arm_model(
     while waiting:
         joint, name, body, place = waiting.pop()
         if joint is not None:
-            place = place * _frame(joint.place) * pin.SE3(np.eye(3), joint.anchor)
+            place = place * joint.place * pin.SE3(np.eye(3), joint.anchor)
             if joint.name in joints:
                 body, place = _add_joint(model, joint, body, place), pin.SE3.Identity()
             elif joint.kind in SINGLE and positions.get(joint.name):
@@ -311,10 +310,6 @@ def arm_model(
             waiting.append((below, below.child, body, place))
     model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
     return model
-
-
-def _frame(place: Place) -> pin.SE3:
-    return pin.SE3(place.rotation, place.translation)
 
 
 def _add_joint(model: pin.Model, joint: Joint, body: int, place: pin.SE3) -> int:

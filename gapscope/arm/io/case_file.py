@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +137,9 @@ def _loaded(text: str) -> Any:
         yaml.YAMLError: it is no YAML, or its aliases stand for themselves or for too much.
         RecursionError: it is nested too deeply.
     """
-    if _open_brackets(text) > DEEPEST_YAML:
+    # brackets that are open at once, those in quotes and comments among them
+    steps = [1 if bracket in "[{" else -1 for bracket in re.findall(r"[\[\]{}]", text)]
+    if max(accumulate(steps), default=0) > DEEPEST_YAML:
         raise RecursionError
     loader = _Loader(text)
     try:
@@ -150,15 +153,6 @@ def _loaded(text: str) -> Any:
         return loader.construct_document(root)
     finally:
         loader.dispose()
-
-
-def _open_brackets(text: str) -> int:
-    """Most brackets that are open at once, those in quotes and comments among them."""
-    count = most = 0
-    for bracket in re.findall(r"[\[\]{}]", text):
-        count += 1 if bracket in "[{" else -1
-        most = max(most, count)
-    return most
 
 
 def _expanded_size(node: yaml.Node, known: dict[int, int]) -> int:

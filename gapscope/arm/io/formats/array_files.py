@@ -147,7 +147,11 @@ def log_of_arrays(
         if array.ndim not in (1, 2) or not array.size:
             left_out.append(f"{name} {array.shape}")
             continue
-        array = _rows_first(array, lengths)
+        if array.ndim == 2:
+            rows, width = array.shape
+            told = (rows in lengths) != (width in lengths)
+            if not (rows in lengths if told else rows >= width):
+                array = array.T
         by_rows.setdefault(len(array), {})[name] = array
     if not by_rows:
         raise InputError(
@@ -155,26 +159,10 @@ def log_of_arrays(
             "store time and channels as arrays (N,) or (N, n)",
             file=path,
         )
-    tables = [_table(path, kind, group, by_rows) for group in by_rows.values()]
-    tables.sort(key=lambda table: -len(table))
+    tables = []
+    for count in sorted(by_rows, reverse=True):
+        # named by its rows if the file has several tables
+        name = f"{count} rows" if len(by_rows) > 1 else ""
+        columns = numbered(by_rows[count])
+        tables.append(Table(path, columns, range(1, count + 1), name=name, kind=kind))
     return Log(path, kind, tuple(tables), unread=tuple(left_out))
-
-
-def _rows_first(array: np.ndarray, lengths: set[int]) -> np.ndarray:
-    """An array of one or two axes, with the samples along the first."""
-    if array.ndim == 1:
-        return array
-    rows, columns = array.shape
-    if (rows in lengths) != (columns in lengths):
-        return array if rows in lengths else array.T
-    return array if rows >= columns else array.T
-
-
-def _table(
-    path: Path, kind: str, arrays: Mapping[str, np.ndarray], every: Mapping[int, Any]
-) -> Table:
-    """Arrays with the same number of rows; named by its rows if the file has several tables."""
-    columns = numbered(arrays)
-    count = len(next(iter(columns.values())))
-    name = f"{count} rows" if len(every) > 1 else ""
-    return Table(path, columns, range(1, count + 1), name=name, kind=kind)
