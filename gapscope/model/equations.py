@@ -318,22 +318,21 @@ def noise_of_motions(equations: Equations, j: int) -> tuple[np.ndarray, np.ndarr
 def carried_over(error: FormError, before: Equations, after: Equations) -> FormError:
     """The same amplitudes for other columns of the same joints: by term, and of new terms that of the joint."""
     old, new = before.design, after.design
+    # of each column where it was, if it was there, and its unit over that which it had
+    place, ratio = np.full(new.size, -1), np.zeros(new.size)
+    for term, places in new.places.items():
+        if term in old.places:
+            place[places] = old.places[term]
+            ratio[places] = new.units[term] / old.units[term]
     own2 = []
     for j, active in enumerate(new.active):
-        size2 = new.size2(j)
-        variance = np.where(new.own[active], error.joint2[j] / size2, 0.0)
-        for term, places in new.places.items():
-            if term not in old.places:
-                continue
-            here, there = (
-                np.isin(active, places),
-                np.isin(old.active[j], old.places[term]),
-            )
-            if here.sum() == there.sum():
-                # in the term's own units: the columns count in their torque
-                ratio = (new.units[term] / old.units[term])[np.isin(places, active)]
-                variance[here] = error.own2[j][there] * ratio**2
-        own2.append(variance)
+        variance = np.where(new.own[active], error.joint2[j] / new.size2(j), 0.0)
+        # one more, for columns that were nowhere
+        known = np.full(old.size + 1, np.nan)
+        known[old.active[j]] = error.own2[j]
+        # in the term's own units: the columns count in their torque
+        carried = known[place[active]] * ratio[active] ** 2
+        own2.append(np.where(np.isnan(carried), variance, carried))
     return replace(error, own2=own2)
 
 
