@@ -54,7 +54,7 @@ DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
     {"change_points", "thresholds"},
     {"gap", "setup_faults"},
     {"locate", "selection"},
-    {"agreement", "states"},
+    {"agreement", "states", "told_controller"},
     {"prepare"},
     {"assessment", "comparison"},
     {"result"},

@@ -450,7 +450,11 @@ def check_case(path: Path, progress: Progress = silent) -> dict[str, Any]:
         remarks += check_recordings(case)
         remarks += _other_arms(case)
         try:
-            case, references = with_torque(case)
+            before = case.warnings
+            case, references, told = with_torque(case)
+            of_law = told.sentences() if told else []
+            for said in (*of_law, *(w for w in case.warnings if w not in before)):
+                remarks.append(Remark("warn", "controller", "", said))
             progress("looks at the motion and the torque")
             look = look_at_set_up(case, references)
             motions, excited = _of_signals(case, look, remarks)

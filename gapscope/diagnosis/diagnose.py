@@ -63,12 +63,14 @@ from gapscope.diagnosis.thresholds import (
     PRESLIDING_GAIN,
     VISIBLE_EFFECT,
 )
+from gapscope.diagnosis.told_controller import ToldController
 from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw, Turn
 from gapscope.effects.environment import tilt
 from gapscope.effects.friction import PRESLIDING_DISTANCES
 from gapscope.model.conditioning import Segment, condition, torque_scale
+from gapscope.model.design import LIKELY
 from gapscope.model.difference import Fit
 from gapscope.model.expected import expected_entries
 from gapscope.model.explained import (
@@ -387,6 +389,17 @@ class SheetComparison(Comparison):
                 out[parameter]["by_commands"] = value.tolist()
         return out
 
+    @property
+    def told(self) -> ToldController | None:
+        """The controller, if its references told it, beside all that was found."""
+        told = self.prepared.told
+        if told is None or told.law.feedforward != "none":
+            return told
+        share, std = self.searching.scales(self.fit)
+        # farther off the recordings lack something else
+        likely = np.abs(share) < LIKELY * told.unsure(self.case)
+        return told.scaled(share, std) if likely.all() else told
+
     @cached_property
     def states(self) -> tuple[State, ...]:
         """All effects in each recording and span; none if all share a state."""
@@ -525,6 +538,8 @@ class _Document(Document):
         )
         if sides is not None:
             out["sides"] = sides
+        if sheet.told is not None:
+            out["controller"] = sheet.told.entry()
         return out
 
     def _context(self, reached: str) -> dict[str, Any]:
@@ -540,6 +555,7 @@ class _Document(Document):
     def warnings(self, reached: str) -> list[str]:
         sheet = self._sheet
         out = list(sheet.replayed.warnings)
+        out += [] if sheet.told is None else sheet.told.sentences()
         odd = odd_kinds(sheet.case.arm.urdf) if reached == "unexplained" else ""
         if odd:
             # what is wrong in the file need not be looked for in the recordings
@@ -632,6 +648,12 @@ def examine(case: Case, progress: Progress = silent) -> SheetComparison:
     """Compare a case with its data sheet; arguments and errors are those of ``diagnose``."""
     prepared = prepare(case, progress)
     found = _compared(prepared, progress)
+    told, before = found.told, prepared.told
+    # effects count in the torque of the gains: once more if these were far off
+    if told and before and told.differs(before, INERTIAL_ERROR):
+        case = told.times(before, prepared.case)
+        prepared = replace(prepared, case=case, told=told)
+        found = _compared(prepared, progress)
     likelier = prepared.by_likelier_rule(found.effects, progress)
     if likelier is not None:
         prepared, found = likelier, _compared(likelier, progress)
@@ -647,7 +669,8 @@ def _compared(prepared: Prepared, progress: Progress) -> SheetComparison:
     """The search for what the arm has; of another arm than the nominal one nothing is looked for."""
     case = prepared.case
     fitted = [r for r in case.recordings if r.tau is not None]
-    searching = search_of(case.arm, fitted)
+    unsure = None if prepared.told is None else prepared.told.unsure(case)
+    searching = search_of(case.arm, fitted, unsure)
     if prepared.another_arm:
         found = searching.unsearched()
         return SheetComparison(prepared, found, *EVERYONE, searching)

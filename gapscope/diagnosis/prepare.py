@@ -31,6 +31,11 @@ from gapscope.diagnosis.setup_faults.detection import (
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.references import find_reference_faults
 from gapscope.diagnosis.states import States, states_of
+from gapscope.diagnosis.told_controller import (
+    ToldController,
+    with_fed_forward,
+    with_told_controller,
+)
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.setup_faults import TimeStamps
 from gapscope.model.changes import Change, changes_of
@@ -65,6 +70,7 @@ class Prepared:
         doubted: whether no ordinary errors of the nominal arm make its torque: it is another one, unless
             effects explain that.
         another_arm: whether they are of another arm: nothing can be found of it then.
+        told: the controller, if its references told it for want of a torque.
     """
 
     case: Case
@@ -77,6 +83,7 @@ class Prepared:
     setup_faults: tuple[FoundFault, ...]
     doubted: bool
     another_arm: bool = False
+    told: ToldController | None = None
 
     def by_likelier_rule(
         self,
@@ -137,14 +144,14 @@ def prepare(
             reference that determines it.
         InputError: a recording holds what no arm can have.
     """
-    case, references = with_torque(case, declared)
-    return _repaired(case, progress, references, inherent)
+    case, references, told = with_torque(case, declared)
+    return replace(_repaired(case, progress, references, inherent), told=told)
 
 
 def with_torque(
     case: Case, declared: NominalArm | None = None
-) -> tuple[Case, tuple[FoundFault, ...]]:
-    """The case with faults of references put right and a torque that can be trusted, and these faults.
+) -> tuple[Case, tuple[FoundFault, ...], ToldController | None]:
+    """The case with a torque that can be trusted, faults of references put right, and a controller that they told.
 
     Args:
         case: the nominal arm and its recordings.
@@ -161,14 +168,20 @@ def with_torque(
     with_references = any(r.q_ref is not None for r in case.recordings)
     even = on_one_clock(case) if with_references else case
     # what a controller feeds forward is the torque of the arm that is declared, not of one identified since
-    seen, references = find_reference_faults(
-        replace(select_windows(even), arm=declared or even.arm)
-    )
+    looked = replace(select_windows(even), arm=declared or even.arm)
+    right = with_fed_forward(case, looked) if with_references else case
+    if right is not case:
+        return with_torque(right, declared)
+    seen, references = find_reference_faults(looked)
     case = replace(repaired(case, references), warnings=seen.warnings)
+    told = None
+    # beside a reference gains would take up what has changed
+    if declared is None:
+        case, told = with_told_controller(case)
     case = with_commanded_torque(case)
     check_torque(case)
     check_moving(case)
-    return case, references
+    return case, references, told
 
 
 def _repaired(

@@ -15,6 +15,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import begin_results
 from gapscope.arm.io.log import READERS
 from gapscope.diagnosis.set_up import look_at_set_up
+from gapscope.diagnosis.told_controller import with_told_controller
 from gapscope.ident.identification import Identification, IdentificationSettings
 from gapscope.ident.identification import identify as identify_case
 from gapscope.interface.models import case_file
@@ -80,7 +81,9 @@ def identify(
     """
     progress("reads the case")
     chosen = settings or IdentificationSettings()
-    read = _loaded(case)
+    read, told = with_told_controller(_loaded(case))
+    if told is not None:
+        read = replace(read, warnings=(*read.warnings, *told.sentences()))
     progress("tests the set-up")
     read = _as_recorded(read, any_torque=chosen.any_torque)
     return IdentificationResult(identify_case(read, chosen, progress))

@@ -330,7 +330,8 @@ class Document:
     def _context(self, reached: str) -> dict[str, Any]:
         """The arm, the recordings, how they were conditioned, and what was noticed."""
         comparison, prepared = self._comparison, self._prepared
-        case, inferred = prepared.case, WARNING in prepared.case.warnings
+        case, told = prepared.case, prepared.told is not None
+        inferred = told or WARNING in case.warnings
         every = (*case.recordings, *case.judged)
         notes = [f"{r.name}: {note}" for r in every for note in r.notes]
         return {
@@ -364,7 +365,9 @@ class Document:
         if self._comparison.set_aside:
             text = "recordings set aside for judging"
         if inferred:
-            text += "; the torque there is the one that the known controller must have commanded"
+            text += (
+                "; the torque there is the one that the controller must have commanded"
+            )
         return text
 
 

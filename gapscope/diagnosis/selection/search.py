@@ -81,12 +81,15 @@ Sets = dict[frozenset[Candidate], float]
 Progress = Callable[[str], None]
 
 
-def search_of(arm: NominalArm, recordings: Sequence[Recording]) -> SheetSearch:
+def search_of(
+    arm: NominalArm, recordings: Sequence[Recording], unsure: np.ndarray | None = None
+) -> SheetSearch:
     """The search of recordings for what an arm has beside its data sheet; of one that is mounted turned, as it is.
 
     Args:
         arm: the nominal arm.
         recordings: with a torque; others are left out.
+        unsure: share by which all torques of each joint may be off [1], (n,); ``None`` if they were measured.
 
     Raises:
         InputError: a recording has no stretch without gaps that is long enough.
@@ -95,7 +98,17 @@ def search_of(arm: NominalArm, recordings: Sequence[Recording]) -> SheetSearch:
     mounted = as_mounted(arm, rows.segments)
     # rows are trusted less where the arm's dry friction may hold a joint
     fitted_arm(rows, mounted, EVERYONE)
-    return SheetSearch(rows, FreeArm.nominal(mounted), [EVERYONE], EVERYONE, 0.0)
+    about = FreeArm.nominal(mounted)
+    return SheetSearch(rows, about, [EVERYONE], EVERYONE, 0.0, unsure=unsure)
+
+
+def _scales(made: Design) -> dict[Term, int]:
+    """The place of the scale of each joint's torque."""
+    return {
+        term: int(places[0])
+        for term, places in made.places.items()
+        if "scale" in term.definition.quantities.values()
+    }
 
 
 def could_show(
@@ -127,6 +140,7 @@ class SheetSearch(Search):
     """What all recordings show beside the data sheet."""
 
     progress: Progress = lambda message: None
+    unsure: np.ndarray | None = None
     # columns with searched forms as wide as friction, of which noise is learnt
     _wide: Equations | None = None
     # RMS torque of what the last round found, whose form is not quite the law's
@@ -234,12 +248,26 @@ class SheetSearch(Search):
         prior = contrast.design.prior.copy()
         # bodies alone may be off: all else that is shared would take part of effects
         prior[10 * self.arm.arm.n_joints :] = 0.0
+        if self.unsure is not None:
+            every = list(_scales(contrast.design).values())
+            prior[every] = contrast.design.prior[every]
         # neighbours resemble each other as those of the noise do
         asked = contrast.without_form(left2 * error.noise2 / error.white2, prior)
         own = fit.own.within(asked)
         answer = own.answer(fit.chosen, fit.answer.sizes)
         total = asked.evidence + answer.evidence + self._weigher(own).odds(fit.chosen)
         return replace(fit, contrast=asked, own=own, answer=answer, total=total)
+
+    def scales(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+        """Share by which all torques of each joint are too small beside a hypothesis, and its deviation [1], (n,)."""
+        made, n = fit.contrast.design, self.arm.arm.n_joints
+        shared, _ = fit.own.nuisances(fit.answer.values)
+        deviation = np.sqrt(np.diag(fit.contrast.covariance()))
+        out = np.zeros((2, n))
+        for term, place in _scales(made).items():
+            unit = made.units[term][0]
+            out[:, term.joint - 1] = shared[place] / unit, deviation[place] / unit
+        return out[0], out[1]
 
     @property
     def _equivalents(self) -> set[tuple[str, str]]:
@@ -469,6 +497,8 @@ class SheetSearch(Search):
     def _healthy(self, term: Term, made: Design) -> np.ndarray:
         """What a healthy arm has of a term, in units of its columns, (linear,)."""
         fitted, unit = term.parametrisation, made.units[term]
+        if self.unsure is not None and "scale" in term.definition.quantities.values():
+            return np.minimum(self.unsure[term.joint - 1] * unit, WIDE)
         if fitted.nonlinear:
             # a searched form is there or not, but for what is like it
             return np.full(len(unit), MIN_TORQUE)

@@ -112,7 +112,7 @@ def test_an_effect_is_found_without_the_torque() -> None:
     assert effect["parameters"]["torque"]["value"] == pytest.approx([2.0], rel=0.05)
     assert bare["torque_from"] == "controller"
     assert bare["judged_on"].endswith(
-        "the torque there is the one that the known controller must have commanded"
+        "the torque there is the one that the controller must have commanded"
     )
     assert any(
         "must have commanded" in warning and "gains" in warning

@@ -1,0 +1,125 @@
+"""Positions and references alone: gains told by the weight of the arm, and effects beside them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import synthetic
+from cases import each
+
+import gapscope
+from gapscope.arm.case import Case
+from gapscope.arm.control import PD
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.recorder import Plan, record_case
+
+COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]})
+
+
+def recorded(feedforward: str, *effects: AppliedEffect) -> Case:
+    """Three simulated recordings under PD."""
+    plan, rng = Plan(recordings=3, duration=8.0), np.random.default_rng(1)
+    first = record_case("told", synthetic.arm(), (), replace(plan, recordings=1), rng)
+    assert isinstance(first.controller, PD)
+    controller = replace(first.controller, feedforward=feedforward)
+    return record_case(
+        "told", synthetic.arm(), effects, plan, rng, controller=controller
+    )
+
+
+def bare(case: Case) -> Case:
+    """The same without torque and controller."""
+    return replace(each(case, lambda r: replace(r, tau=None)), controller=None)
+
+
+@cache
+def diagnosed() -> tuple[Case, gapscope.DiagnosisResult]:
+    """An arm with more friction, without feedforward."""
+    case = recorded("none", COULOMB)
+    return case, gapscope.diagnose(bare(case))
+
+
+def entry() -> tuple[PD, dict[str, Any]]:
+    """The controller at work, and what is told of it."""
+    case, found = diagnosed()
+    assert isinstance(case.controller, PD)
+    return case.controller, found.document["controller"]
+
+
+def test_the_gains_are_within_their_intervals() -> None:
+    true, told = entry()
+    assert (told["kind"], told["feedforward"], told["not_told"]) == ("pd", "none", [])
+    assert told["follows_velocity"] and told["delay"] < 0.01
+    for name in ("kp", "kd"):
+        for value, (low, high), at_work in zip(
+            told[name]["value"],
+            told[name]["interval"],
+            getattr(true, name),
+            strict=True,
+        ):
+            assert low < value < high < 2.5 * low
+            if name == "kp":
+                assert low < at_work < high
+
+
+def test_an_effect_is_found_beside_them() -> None:
+    _, found = diagnosed()
+    validate(found.document)
+    effect = found.document["effects"][0]
+    assert (effect["effect"], effect["joints"]) == ("coulomb_friction", [2])
+    assert effect["parameters"]["torque"]["value"] == pytest.approx([4.0], rel=0.15)
+    assert found.document["torque_from"] == "controller"
+
+
+def test_the_line_to_paste_is_said() -> None:
+    _, told = entry()
+    assert told["declare"].startswith("controller: {kind: pd, rate: 1000, kp: [")
+    text = " ".join(str(w) for w in diagnosed()[1].document["warnings"])
+    assert told["declare"] in text and "relative to these masses" in text
+
+
+def test_gravity_that_is_fed_forward_is_named() -> None:
+    document = gapscope.diagnose(bare(recorded("gravity"))).document
+    assert document["controller"]["feedforward"] == "gravity"
+    assert document["effects"] == []
+
+
+def test_beside_inverse_dynamics_nothing_is_told() -> None:
+    with pytest.raises(GapscopeError, match="feed inverse dynamics forward"):
+        gapscope.diagnose(bare(recorded("nominal")))
+
+
+@pytest.mark.parametrize(
+    ("at_work", "declared"), [("gravity", "none"), ("none", "nominal")]
+)
+def test_a_feedforward_that_is_declared_wrongly_is_named(
+    at_work: str, declared: str
+) -> None:
+    case = recorded(at_work)
+    assert isinstance(case.controller, PD)
+    wrong = replace(case, controller=replace(case.controller, feedforward=declared))
+    document = gapscope.diagnose(wrong).document
+    line = f"controller: {{feedforward: {at_work}}}"
+    assert sum(line in str(warning) for warning in document["warnings"]) == 1
+    assert document["effects"] == [] and document["verdict"] == "no_gap"
+
+
+def test_commands_that_act_late_are_named() -> None:
+    case = recorded("gravity")
+
+    def ahead(r: Recording) -> Recording:
+        assert r.q_ref is not None and r.dq_ref is not None
+        series = (np.roll(x, -15, axis=0) for x in (r.q_ref, r.dq_ref))
+        q_ref, dq_ref = (np.vstack([x[:-15], x[-16:-15].repeat(15, 0)]) for x in series)
+        return replace(r, q_ref=q_ref, dq_ref=dq_ref)
+
+    early = each(case, ahead)
+    warnings = gapscope.diagnose(early).document["warnings"]
+    assert any("reference: {lead: 0.06" in str(warning) for warning in warnings)
