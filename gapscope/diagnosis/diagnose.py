@@ -397,7 +397,7 @@ class SheetComparison(Comparison):
             return told
         share, std = self.searching.scales(self.fit)
         # farther off the recordings lack something else
-        likely = np.abs(share) < LIKELY * told.unsure(self.case)
+        likely = np.abs(share) < LIKELY * told.unsure
         return told.scaled(share, std) if likely.all() else told
 
     @cached_property
@@ -648,12 +648,6 @@ def examine(case: Case, progress: Progress = silent) -> SheetComparison:
     """Compare a case with its data sheet; arguments and errors are those of ``diagnose``."""
     prepared = prepare(case, progress)
     found = _compared(prepared, progress)
-    told, before = found.told, prepared.told
-    # effects count in the torque of the gains: once more if these were far off
-    if told and before and told.differs(before, INERTIAL_ERROR):
-        case = told.times(before, prepared.case)
-        prepared = replace(prepared, case=case, told=told)
-        found = _compared(prepared, progress)
     likelier = prepared.by_likelier_rule(found.effects, progress)
     if likelier is not None:
         prepared, found = likelier, _compared(likelier, progress)
@@ -669,7 +663,7 @@ def _compared(prepared: Prepared, progress: Progress) -> SheetComparison:
     """The search for what the arm has; of another arm than the nominal one nothing is looked for."""
     case = prepared.case
     fitted = [r for r in case.recordings if r.tau is not None]
-    unsure = None if prepared.told is None else prepared.told.unsure(case)
+    unsure = None if prepared.told is None else prepared.told.unsure
     searching = search_of(case.arm, fitted, unsure)
     if prepared.another_arm:
         found = searching.unsearched()

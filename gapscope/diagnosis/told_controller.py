@@ -211,42 +211,17 @@ class ToldController:
             )
         return out
 
-    def differs(self, before: ToldController, share: float) -> bool:
-        """Whether a gain is another than before by more than a share [1]."""
-        return bool((np.abs(self.gains / before.gains - 1.0) > share).any())
-
-    def times(self, before: ToldController, case: Case) -> Case:
-        """A case that was read with other gains as these give its torque, without feedforward."""
-        factor = self.gains[:, 0] / before.gains[:, 0]
-
-        def read(r: Recording) -> Recording:
-            return r if r.tau is None else replace(r, tau=r.tau * factor)
-
-        recordings, judged = (
-            tuple(map(read, part)) for part in (case.recordings, case.judged)
-        )
-        return replace(
-            case,
-            recordings=recordings,
-            judged=judged,
-            controller=self.controller,
-        )
-
-    def unsure(self, case: Case) -> np.ndarray:
+    @property
+    def unsure(self) -> np.ndarray:
         """Share by which all torques of each joint may be off [1], (n,)."""
-        read = [r for r in case.recordings if r.tau is not None and r.q_ref is not None]
-        tau = np.vstack([r.tau for r in read if r.tau is not None])
-        rows = [replace(self, delay=0.0).read(r).tau for r in read]
-        by_gains = np.vstack([x for x in rows if x is not None])
-        share = by_gains.std(axis=0) / np.maximum(tau.std(axis=0), 1e-9)
-        return np.asarray(share * self.std[:, 0] / np.abs(self.gains[:, 0]))
+        return np.asarray(self.std[:, 0] / np.abs(self.gains[:, 0]))
 
     @property
     def refused(self) -> str:
         """Why no torque can be worked out."""
         left = float(np.median(self.left))
         why = f"the likeliest law leaves {left:.0%} of the error, or the arm's weight tells too little"
-        if left < LAW_EXPLAINS / LAW_GAIN and self.law.feedforward == "nominal":
+        if left < LAW_EXPLAINS and self.law.feedforward == "nominal":
             why = "the controller seems to feed inverse dynamics forward, and the error is what these lack"
         return f"nor do the references tell the gains of a controller: {why}"
 
@@ -480,8 +455,10 @@ def told_controller(case: Case) -> ToldController:
     if shows and _criterion(rows, one, int(delay > 0)) < least:
         law = more
 
+    at_once = _criterion(rows, _fitted(rows, sums(0.0), law, once))
+
     def cost(d: float) -> float:
-        return _criterion(rows, _fitted(rows, sums(d), law, once), 1)
+        return min(_criterion(rows, _fitted(rows, sums(d), law, once), 1), at_once)
 
     near = minimize_scalar(
         cost,
@@ -489,7 +466,6 @@ def told_controller(case: Case) -> ToldController:
         method="bounded",
         options={"xatol": TICK / 20},
     )
-    at_once = _criterion(rows, _fitted(rows, sums(0.0), law, once))
     delay = float(near.x) if near.fun < at_once else 0.0
     gram, x, inflation = sums(delay), rows.columns(delay), once
     for _ in range(2):

@@ -85,6 +85,13 @@ def test_the_line_to_paste_is_said() -> None:
     assert told["declare"] in text and "relative to these masses" in text
 
 
+def test_identify_takes_the_same_gains() -> None:
+    case, _ = diagnosed()
+    found = gapscope.identify(bare(case)).identification
+    (said,) = (w for w in found.case.warnings if "neither torque" in w)
+    assert "controller: {kind: pd" in said
+
+
 def test_gravity_that_is_fed_forward_is_named() -> None:
     document = gapscope.diagnose(bare(recorded("gravity"))).document
     assert document["controller"]["feedforward"] == "gravity"
@@ -92,7 +99,7 @@ def test_gravity_that_is_fed_forward_is_named() -> None:
 
 
 def test_beside_inverse_dynamics_nothing_is_told() -> None:
-    with pytest.raises(GapscopeError, match="feed inverse dynamics forward"):
+    with pytest.raises(GapscopeError, match="nor do the references tell the gains"):
         gapscope.diagnose(bare(recorded("nominal")))
 
 

@@ -140,6 +140,7 @@ class SheetSearch(Search):
     """What all recordings show beside the data sheet."""
 
     progress: Progress = lambda message: None
+    # share by which all torques of each joint may be off, (n,); ``None`` if they were measured
     unsure: np.ndarray | None = None
     # columns with searched forms as wide as friction, of which noise is learnt
     _wide: Equations | None = None
@@ -507,7 +508,11 @@ class SheetSearch(Search):
             return np.zeros(len(unit))
         if fitted.data_sheet is not None:
             stated = np.abs(self.arm.theta[list(term.columns)])
-            return FRICTION_FORM * stated * unit + MIN_TORQUE
+            healthy = FRICTION_FORM * stated * unit + MIN_TORQUE
+            # wrong gains look like damping and inertia
+            if self.unsure is None or isinstance(term.definition, DryLaw):
+                return healthy
+            return healthy + self.unsure[term.joint - 1]
         return np.minimum(HEALTHY_TORQUE, HEALTHY_SHARE * made.usual[term] * unit)
 
     def _forms(self, made: Design, known: Mapping[Term, float]) -> np.ndarray:
