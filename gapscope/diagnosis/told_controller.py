@@ -408,7 +408,8 @@ def _fitted(
         slope[:, 0] = -a / first**2
         slope[0, 0] = -1.0 / first**2
         gains.append([1.0 / first, *(a[1:] / first)])
-        std.append(np.sqrt(np.diag(slope @ covariance[np.ix_(mine, mine)] @ slope.T)))
+        variance = np.diag(slope @ covariance[np.ix_(mine, mine)] @ slope.T)
+        std.append(np.sqrt(np.maximum(variance, 0.0)))
     return _Solution(np.array(gains), np.array(std), left, weights)
 
 
@@ -474,7 +475,7 @@ def told_controller(case: Case) -> ToldController:
         inflation = variance_inflation(residual, rows.segment)
     best = _fitted(rows, gram, law, inflation)
     # the scale is known as well as masses are, and what no law explains may be in any gain
-    share = best.left / rows.error
+    share = best.left / np.maximum(rows.error, np.finfo(float).tiny)
     unsure = np.hypot(share, INERTIAL_ERROR)[:, None]
     std = np.hypot(best.std, best.gains * unsure)
     std[:, 1] = np.hypot(std[:, 1], best.gains[:, 0] * rows.late)
@@ -562,6 +563,9 @@ def with_fed_forward(case: Case, seen: Case) -> Case:
     least = each[delay]
     if least > LAW_EXPLAINS / LAW_GAIN or least * LAW_GAIN > stated:
         return case
+    # what a good model feeds forward is what the arm needs, whatever its controller is: the error has to count
+    if least * LAW_GAIN > _left(seen, kind, delay, [("one",)]):
+        return case
     lines = []
     if kind != declared.feedforward:
         lines.append(f"controller: {{feedforward: {kind}}}")
@@ -583,7 +587,16 @@ def with_fed_forward(case: Case, seen: Case) -> Case:
     )
 
 
-def _left(case: Case, kind: str, delay: float) -> float:
+# whether the velocity's reference is followed is another question
+WITH_GAINS = ((*GAINS, "one"), ("error", "dq", "one"))
+
+
+def _left(
+    case: Case,
+    kind: str,
+    delay: float,
+    columns: Sequence[tuple[str, ...]] = WITH_GAINS,
+) -> float:
     """Share of the torque that a law leaves, median over the joints that move [1]; infinite if none is recorded."""
     assert case.controller is not None
     controller = replace(case.controller, feedforward=kind)
@@ -593,9 +606,7 @@ def _left(case: Case, kind: str, delay: float) -> float:
         return np.inf
     every = []
     for j in np.flatnonzero(sums.moves):
-        # whether the velocity's reference is followed is another question
-        some = [(*GAINS, "one"), ("error", "dq", "one")]
-        fits = [sums.fit(int(j), LAW_TORQUE, one, {"torque": 1.0}) for one in some]
+        fits = [sums.fit(int(j), LAW_TORQUE, one, {"torque": 1.0}) for one in columns]
         every.append(min(left for _, left in fits))
     return float(np.median(every))
 
