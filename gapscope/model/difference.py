@@ -703,7 +703,16 @@ class Search:
         chosen: Sequence[Candidate],
         grown: Mapping[Place, float],
     ) -> Fit:
-        weight, answer = self._weigher(own)(chosen)
+        weigh = self._weigher(own)
+        while True:
+            weight, answer = weigh(chosen)
+            # what everybody has is there to help: without what cannot be beside the others
+            kept = [
+                one for one in chosen if not one.everybody or weigh.can_be(one, answer)
+            ]
+            if len(kept) == len(chosen):
+                break
+            chosen = kept
         total = contrast.evidence + weight + len(grown) * np.log(UNKNOWN)
         return Fit(tuple(chosen), dict(grown), answer, total, contrast, own, total)
 
