@@ -186,6 +186,21 @@ class Design:
         return out
 
 
+def shared_basis(made: Design, j: int, noise2: float) -> np.ndarray:
+    """Columns Q, (M, K), with y - Q Q^T y what is left of y beside what is shared, as the prior has it.
+
+    Args:
+        made: the design.
+        j: the joint, from 0.
+        noise2: variance of y.
+    """
+    # ridge regression: the prior as further rows, of whose QR the upper part is kept
+    prior = made.prior[made.active[j]]
+    scaled = made.columns[j][:, prior > 0] * prior[prior > 0] / np.sqrt(noise2)
+    both = np.vstack([scaled, np.eye(scaled.shape[1])])
+    return np.asarray(np.linalg.qr(both)[0][: len(scaled)])
+
+
 def about(
     made: Design, arm: FreeArm, values: Mapping[Candidate, np.ndarray]
 ) -> tuple[np.ndarray, dict[Candidate, list[np.ndarray]]]:
