@@ -446,7 +446,7 @@ def _part(
         return bodies, kept._replace(terms=kept.terms + own)
     regressor = bodies.regressor()
     # of torque beyond a limit only what reached the joint counts
-    delivered = arm.corrected(terms).delivered(segment.recorded_torque)
+    delivered = arm.corrected(terms).delivered(segment.recorded_torque, segment.motion)
     part = PartOfDesign(
         columns(at, rows, only),
         # bodies of both groups as their torque is recorded, whatever lies on the way to it
@@ -617,7 +617,7 @@ def _taken(
 def _usual_size(term: Term, arm: NominalArm) -> float:
     """Size of a term's coordinates that is usual where it is an effect."""
     effect, size = term.definition, term.parametrisation.usual
-    if effect.scope != "joint" or effect.reach == "motor" or len(effect.parameters) > 1:
+    if effect.scope != "joint" or effect.reach == "motor" or len(effect.needed) > 1:
         return size
     slides = arm.sliding[term.joint - 1]
     return size * float(size_per_radian(effect.parameters[0].unit, [slides])[0])
