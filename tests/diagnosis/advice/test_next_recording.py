@@ -116,7 +116,8 @@ def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() ->
         AdviceRequest(LIMITS, evaluations=150, seed=0),
     )
     [pair] = advice.pairs
-    assert pair.evidence > 10 and pair.joint == 3
+    # odds of 50 to 1: what tells them apart grows with the fourth power of the delay
+    assert pair.evidence > 4 and pair.joint == 3
     assert advice.option is not None and advice.option.speed in ("quick", "lively")
     [delay] = [e for some in advice.hypotheses for e in some if e.name == DELAY.name]
     assert delay.parameters["delay"][0] == pytest.approx(0.006, abs=0.001)
