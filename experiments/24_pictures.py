@@ -369,7 +369,7 @@ def signature(
         step = applied.per_joint("step", arm.n_joints)
         return effect.recorded(motion.q, step) - motion.q, "position error [rad]"
     if panel.effect == "torque_saturation":
-        return corrected.delivered(nominal) - nominal, "torque lost [N m]"
+        return corrected.delivered(nominal, motion) - nominal, "torque lost [N m]"
     return corrected.predict(RigidBody(arm), motion) - nominal, "torque gap [N m]"
 
 

@@ -89,7 +89,7 @@ def _intervals(
             p.name: np.nan_to_num(
                 np.array(finding["parameters"][p.name]["std"], dtype=float)
             )
-            for p in applied.effect.parameters
+            for p in map(applied.effect.parameter, applied.given)
         }
         intervals.append(effect_range(applied, stds))
     return intervals
@@ -107,6 +107,7 @@ def _is_of(finding: Mapping[str, Any], applied: AppliedEffect) -> bool:
             atol=0.0,
         )
         for name, value in applied.parameters.items()
+        if name in applied.given
     )
 
 

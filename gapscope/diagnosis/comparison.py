@@ -338,7 +338,7 @@ class Comparison:
             each = [(draw[t] + by) * factor for t, by in zip(terms, moved, strict=True)]
             samples.append(dict(fitted.values(np.stack(each, axis=1), shape)))
         out: dict[str, dict[str, object]] = {}
-        for parameter in applied.effect.parameters:
+        for parameter in map(applied.effect.parameter, applied.given):
             value = applied.parameters[parameter.name]
             if parameter.name in fitted.nonlinear:
                 place = fitted.nonlinear.index(parameter.name)

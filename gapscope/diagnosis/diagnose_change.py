@@ -813,7 +813,7 @@ def _listed(values: dict[str, np.ndarray]) -> dict[str, list[float]]:
 
 
 def _plain(effect: Any) -> dict[str, Any]:
-    values = {name: value.tolist() for name, value in effect.parameters.items()}
+    values = {name: effect.parameters[name].tolist() for name in effect.given}
     return {"effect": effect.name, "joints": list(effect.joints), "parameters": values}
 
 

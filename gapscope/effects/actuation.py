@@ -21,15 +21,72 @@ from gapscope.effects.signals import Drawn, drawn
 
 
 def saturate(
-    torque: np.ndarray, series: Series | None, limit: np.ndarray
+    torque: np.ndarray,
+    series: Series,
+    limit: np.ndarray,
+    corner_speed: np.ndarray | float = 0.0,
+    no_load_speed: np.ndarray | float = 0.0,
 ) -> np.ndarray:
-    """clip(tau, -limit, limit) [N m]; a limit of 0 means none.
+    """clip(tau, -L, L) [N m], of a torque along the velocity L (w0 - |v|) / (w0 - wc) at most; a limit of 0 means none.
+
+    The voltage that is left beside the back-EMF drives the current: above the corner speed wc torque falls in a line to
+    none at the no-load speed w0 [rad/s]; w0 of 0 means that the limit is the same at all speeds. Torque that brakes is
+    limited by the current alone.
 
     It is its own inverse as far as there is one: what was recorded beyond the limit is lost, and a needed torque beyond
     it cannot have been applied.
     """
     bound = np.where(limit > 0, limit, np.inf)
-    return np.minimum(np.maximum(torque, -bound), bound)
+    falls = np.asarray(no_load_speed) > 0
+    if not falls.any():
+        return np.minimum(np.maximum(torque, -bound), bound)
+    slope = limit / np.maximum(no_load_speed - corner_speed, MIN_FALL)
+    # a line that is far above all torque where there is none
+    slope, beyond = np.where(falls, slope, 0.0), np.where(falls, 0.0, np.inf)
+    ahead, back = (
+        np.minimum(bound, np.maximum(slope * (no_load_speed - v), 0.0) + beyond)
+        for v in (series.velocity, -series.velocity)
+    )
+    return np.minimum(np.maximum(torque, -back), ahead)
+
+
+def faded(
+    series: Series,
+    torque: np.ndarray,
+    fading: np.ndarray | float,
+    rated: np.ndarray | float,
+    warming_time: np.ndarray | float,
+) -> np.ndarray | float:
+    """1 - a Q, the share of the torque constant that is left [1], with T dQ/dt + Q = (u / u_r)^2, Q = 0 at the start.
+
+    Copper losses warm windings and magnets, whose remanence falls with temperature; a [1] is lost where the rated
+    torque u_r [N m] is held for much longer than T [s].
+    """
+    if not np.any(fading):
+        return 1.0
+    over = torque / np.where(np.asarray(rated) > 0, rated, 1.0)
+    return 1.0 - fading * series.warmed(over * over, np.asarray(warming_time))
+
+
+def scaled(
+    recorded: np.ndarray, series: Series, scale: np.ndarray, *heat: np.ndarray
+) -> np.ndarray:
+    """(1 + s) (1 - a Q) u [N m]."""
+    return recorded * (1.0 + scale) * faded(series, recorded, *(heat or NO_HEAT))
+
+
+def scaled_inverse(
+    needed: np.ndarray, series: Series, scale: np.ndarray, *heat: np.ndarray
+) -> np.ndarray:
+    """The torque u of which that is left, by steps u = needed / (1 + s) / (1 - a Q(u)): what heat takes comes later."""
+    cold = needed / (1.0 + scale)
+    recorded = cold
+    for _ in range(HEAT_STEPS if np.any((heat or NO_HEAT)[0]) else 0):
+        before = recorded
+        recorded = cold / np.maximum(faded(series, before, *heat), MIN_LEFT)
+        if np.allclose(recorded, before, rtol=1e-6):
+            break
+    return recorded
 
 
 def lag_inverse(
@@ -148,6 +205,15 @@ MIN_PERIODS = 1.5
 MIN_TRAVEL = 1e-6
 """Travel below which a joint stands still [rad]."""
 
+MIN_FALL = 1e-9
+"""Least span of speed over which torque falls [rad/s]: keeps a line from being upright."""
+NO_HEAT = (0.0, 0.0, 0.0)
+"""Heat that takes nothing off."""
+HEAT_STEPS = 60
+"""Steps by which the torque is found that heats as it does. (budget)"""
+MIN_LEFT = 0.05
+"""Share of the torque constant that heat leaves at least [1]. (physical)"""
+
 DELAY_TIME = Parameter("delay", "T", "s", (0.0, 0.2), (0.002, 0.02))
 TIME_CONSTANT = Parameter("time_constant", "T", "s", (0.0, 0.5), (0.005, 0.03))
 SCALE_ERROR = Parameter("scale", "s", "1", (-0.6, 1.5), (0.1, 0.3))
@@ -158,9 +224,27 @@ SATURATION = Path(
     name="torque_saturation",
     family="actuation",
     scope="joint",
-    equation="applied = clip(recorded, -limit, limit)",
+    equation="applied = clip(recorded, -L, L), along the velocity at most L (w0 - |v|) / (w0 - wc)",
     parameters=(
         Parameter("limit", "L", "N m", (1e-3, 1e5), (5.0, 300.0), severity=-1),
+        Parameter(
+            "corner_speed",
+            "wc",
+            "rad/s",
+            (0.0, 1e3),
+            (0.5, 20.0),
+            severity=0,
+            absent=0.0,
+        ),
+        Parameter(
+            "no_load_speed",
+            "w0",
+            "rad/s",
+            (0.0, 1e3),
+            (1.0, 40.0),
+            severity=0,
+            absent=0.0,
+        ),
     ),
     looks_like="a gap at high torque only, with the sign of the torque",
     reference="hwangbo2019",
@@ -179,7 +263,12 @@ SATURATION = Path(
     ),
     severity=drawn(limit=Drawn(1.0, 1.6, of="torque", each=False)),
     limits=True,
-    quantities={"limit": "limit"},
+    quantities={
+        "limit": "limit",
+        "corner_speed": "corner_speed",
+        "no_load_speed": "no_load_speed",
+    },
+    without="above the corner speed torque along the velocity falls in a line to none at the no-load speed",
 )
 
 DELAY = Path(
@@ -236,8 +325,17 @@ SCALE = Path(
     name="torque_scale",
     family="actuation",
     scope="joint",
-    equation="applied = (1 + s) recorded",
-    parameters=(SCALE_ERROR,),
+    equation="applied = (1 + s) (1 - a Q) recorded, T dQ/dt + Q = (recorded / u_r)^2",
+    parameters=(
+        SCALE_ERROR,
+        Parameter("fading", "a", "1", (0.0, 0.9), (0.02, 0.3), absent=0.0),
+        Parameter(
+            "rated", "u_r", "N m", (0.0, 1e5), (5.0, 300.0), severity=0, absent=0.0
+        ),
+        Parameter(
+            "warming_time", "T", "s", (0.0, 1e5), (20.0, 2e3), severity=0, absent=0.0
+        ),
+    ),
     looks_like="a gap proportional to the whole torque of the joint",
     reference="gautier2014",
     confused_with=(
@@ -245,14 +343,20 @@ SCALE = Path(
         ("load_friction", "slow motion in both directions under load"),
         ("torque_saturation", "the same motion at two amplitudes"),
     ),
-    inverse=lambda needed, series, scale: needed / (1.0 + scale),
-    applied=lambda recorded, series, scale: recorded * (1.0 + scale),
+    inverse=scaled_inverse,
+    applied=scaled,
     place=3,
     varies_with="nothing",
     parametrisation=linear_in(SCALE_ERROR, step=1e-3),
     severity=drawn(scale=Drawn(0.1, 0.3, signed=True)),
     plotted_against="recorded torque",
-    quantities={"scale": "scale"},
+    quantities={
+        "scale": "scale",
+        "fading": "fading",
+        "rated": "rated",
+        "warming_time": "warming_time",
+    },
+    without="torque falls as the motor warms up",
 )
 
 OFFSET = Path(

@@ -43,14 +43,15 @@ class AppliedEffect:
         """Check names, sizes and bounds."""
         effect, joints = by_name(self.name), list(self.joints)
         known, given = effect.names, [str(name) for name in self.parameters]
-        if set(known) != set(given):
+        if not set(effect.needed) <= set(given) <= set(known):
             units = ", ".join(f"{p.name} in {p.unit}" for p in effect.parameters)
             remedy = f"give {units}"
             if unknown := [name for name in given if name not in known]:
                 near = nearest(unknown[0], known)
                 remedy = f"{unknown[0]!r} is unknown: {near}{remedy}"
             raise InputError(
-                f"expected the parameters {', '.join(known)}; got {', '.join(given) or 'none'}",
+                f"expected the parameters {', '.join(effect.needed)}; got "
+                f"{', '.join(given) or 'none'}",
                 remedy,
                 where=self.name,
             )
@@ -79,7 +80,9 @@ class AppliedEffect:
         """A parameter's values, as a read-only array of the right shape and within its bounds."""
         where = f"{self.name}.{parameter.name}"
         try:
-            value = np.array(self.parameters[parameter.name], dtype=float)
+            value = np.array(
+                self.parameters.get(parameter.name, parameter.absent), dtype=float
+            )
         except (TypeError, ValueError, OverflowError):
             raise InputError(
                 f"holds a value that is not a number, {self.parameters[parameter.name]!r}",
@@ -120,6 +123,15 @@ class AppliedEffect:
     def effect(self) -> Effect:
         """The effect's definition in the catalogue."""
         return by_name(self.name)
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of its parameters but for those that are absent on all joints."""
+        return tuple(
+            p.name
+            for p in self.effect.parameters
+            if p.absent is None or (self.parameters[p.name] != p.absent).any()
+        )
 
     @property
     def key(self) -> tuple[str, int]:

@@ -417,12 +417,13 @@ class CorrectedArm:
             effects=tuple(e for e in self.effects if not e.effect.limits),
         )
 
-    def delivered(self, recorded: np.ndarray) -> np.ndarray:
-        """The part of a recorded torque that remains [N m], (N, n), after saturation."""
+    def delivered(self, recorded: np.ndarray, motion: Motion) -> np.ndarray:
+        """The part of a recorded torque that remains [N m], (N, n), after saturation, on its motion."""
+        series = MotionSeries(motion)
         # saturation alone: what delays or scales is undone on the other side
         for effect, values in self.of_kind(Path):
             if effect.limits:
-                recorded = effect.applied(recorded, None, *values)
+                recorded = effect.applied(recorded, series, *values)
         return recorded
 
     def predict(self, body: RigidBody, motion: Motion) -> np.ndarray:

@@ -85,7 +85,7 @@ def write_corrected(
 
 def described(applied: AppliedEffect) -> dict[str, Any]:
     """An effect as an entry of the file."""
-    values = {name: value.tolist() for name, value in applied.parameters.items()}
+    values = {name: applied.parameters[name].tolist() for name in applied.given}
     return {
         "effect": applied.name,
         "joints": list(applied.joints),

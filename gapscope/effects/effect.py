@@ -49,9 +49,14 @@ QUANTITIES = {
     "gear_damping": "between motor and joint [N m s/rad]",
     "play": "free play between motor and joint, the whole width [rad]",
     "limit": "of the torque that is delivered [N m]",
+    "corner_speed": "above which torque along the velocity falls [rad/s]",
+    "no_load_speed": "at which none is left [rad/s]",
     "delay": "by which torque arrives late [s]",
     "lag": "time constant behind which it arrives [s]",
     "scale": "share by which more torque arrives than is recorded [1]",
+    "fading": "share of it that heat takes at the rated torque in the long run [1]",
+    "rated": "torque that is rated so [N m]",
+    "warming_time": "time constant over which a motor warms up [s]",
     "offset": "torque that arrives beside it [N m]",
     "ripple": "amplitude of torque that arrives with the position [N m]",
     "ripple_cycles": "its periods per revolution [1]",
@@ -148,6 +153,11 @@ class Effect:
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(p.name for p in self.parameters)
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Names of those that have to be given."""
+        return tuple(p.name for p in self.parameters if p.absent is None)
 
     @property
     def fitted(self) -> Parametrisation:
@@ -293,6 +303,8 @@ class Series(Protocol):
 
     position: np.ndarray
     """Joint position [rad]."""
+    velocity: np.ndarray
+    """Joint velocity [rad/s]."""
 
     def shifted(self, series: np.ndarray, time: np.ndarray) -> np.ndarray:
         """The series at t + T, T per joint [s], shape (n,); constant beyond the ends."""
@@ -302,6 +314,9 @@ class Series(Protocol):
 
     def lagged(self, series: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
         """The series behind 1 / (1 + T s), T per joint [s], shape (n,); at rest before the start."""
+
+    def warmed(self, series: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
+        """The same from zero at the start on."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -236,7 +236,7 @@ def _check_values(effect: Effect) -> None:
                 f"cannot be computed ({type(error).__name__}: {error})",
                 f"let it give a value of {', '.join(effect.names)}; {PAGE}",
             ) from error
-        if names | searched != set(effect.names):
+        if not set(effect.needed) <= names | searched <= set(effect.names):
             raise _refused(
                 effect,
                 part,

@@ -20,6 +20,7 @@ class Parameter:
         increment: whether the value adds to the nominal arm's (friction, armature, mass) or is the value itself.
         severity: how the value goes with the severity of its effect: 1 in proportion, -1 the smaller the more severe (a
             limit, a stiffness), 0 not at all, since it says where or when. An effect is off if all others are 0.
+        absent: value of a parameter that need not be given; ``None`` if it has to be.
     """
 
     name: str
@@ -30,3 +31,4 @@ class Parameter:
     size: int = 1
     increment: bool = False
     severity: Literal[-1, 0, 1] = 1
+    absent: float | None = None

@@ -59,6 +59,8 @@ def draw(
     drawn = definition.severity and definition.severity(rng, scale, j)
     clipped = {}
     for p in definition.parameters:
+        if p.absent is not None and p.name not in (drawn or {}):
+            continue
         if drawn:
             value = drawn[p.name]
         else:

@@ -32,12 +32,13 @@ class MotionSeries:
         many: whether series are K at once.
 
     Attributes:
-        position: joint position [rad], shape (N, n), or (N, 1, n) for many.
+        position, velocity: of the joints [rad], [rad/s], shape (N, n), or (N, 1, n) for many.
     """
 
     def __init__(self, motion: Motion, *, many: bool = False) -> None:
         self._t = motion.t
         self.position = motion.q[:, None] if many else motion.q
+        self.velocity = motion.dq[:, None] if many else motion.dq
 
     def shifted(self, series: np.ndarray, time: np.ndarray) -> np.ndarray:
         """The series at t + T, T per joint [s], shape (n,); constant beyond the ends."""
@@ -58,6 +59,16 @@ class MotionSeries:
 
     def lagged(self, series: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
         """The series behind 1 / (1 + T s), T per joint [s], exact for a piecewise linear one; at rest before it."""
+        return self._behind(series, time_constant, 1.0)
+
+    def warmed(self, series: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
+        """The same from zero at the start on."""
+        return self._behind(series, time_constant, 0.0)
+
+    def _behind(
+        self, series: np.ndarray, time_constant: np.ndarray, begun: float
+    ) -> np.ndarray:
+        """The series behind its lag, which begins at a share of its first value."""
         dt = float(self._t[1] - self._t[0])
         out = np.array(series)
         for joint in np.flatnonzero(time_constant):
@@ -68,8 +79,8 @@ class MotionSeries:
             mean = (1.0 - keep) * time / dt
             newer = 1.0 - mean
             older = mean - keep
-            # state of the filter as if the first value had been there for ever
-            at_rest = u[:1] * (1.0 - newer)
+            # state of the filter as if that share of the first value had been there for ever
+            at_rest = u[:1] * (begun - newer)
             lagged, _ = lfilter([newer, older], [1.0, -keep], u, axis=0, zi=at_rest)
             out[..., joint] = lagged
         return out
@@ -78,6 +89,21 @@ class MotionSeries:
 def _at(t: np.ndarray, series: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray]:
     """A series at other times, by a cubic spline."""
     return (make_interp_spline(t, series, k=3)(moved),)
+
+
+class Moment(NamedTuple):
+    """What a law on the way to the joint may ask for of its ``Series`` if it does not depend on time.
+
+    Attributes:
+        position, velocity: of the motors [rad], [rad/s], (n,), or of one joint over time, (N,).
+    """
+
+    position: np.ndarray | None
+    velocity: np.ndarray | None
+
+    def warmed(self, series: np.ndarray, time_constant: np.ndarray) -> float:
+        """None: a simulator keeps heat as a state of its own."""
+        return 0.0
 
 
 def slow_with_rates(

@@ -116,7 +116,7 @@ def _read(entry: Any, where: str, path: Path) -> EffectRange:
 
 def _entry(item: EffectRange) -> dict[str, Any]:
     low, high = (
-        {name: value.tolist() for name, value in end.parameters.items()}
+        {name: end.parameters[name].tolist() for name in end.given}
         for end in (item.low, item.high)
     )
     joints = {"joints": list(item.low.joints)} if item.low.joints else {}
@@ -138,7 +138,7 @@ def effect_range(applied: AppliedEffect, std: Mapping[str, np.ndarray]) -> Effec
     for side in (-Z95, Z95):
         moved = {
             p.name: np.clip(applied.parameters[p.name] + side * std[p.name], *p.bounds)
-            for p in applied.effect.parameters
+            for p in map(applied.effect.parameter, applied.given)
         }
         ends.append(AppliedEffect(applied.name, applied.joints, moved))
     return EffectRange(*ends)

@@ -196,7 +196,8 @@ class ArmsTogether:
         """Torque of a step of which some changes on its way to the joints; ``first`` of those of a command."""
         path, friction, motors = self._path, self._friction, self.motors
         position = self.q if motors is None else motors.position
-        self.applied = path(command, position)
+        velocity = self.dq if motors is None else motors.velocity
+        self.applied = path(command, position, velocity)
         if not friction.drifting:
             friction.load(self.applied)
             return

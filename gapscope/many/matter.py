@@ -265,6 +265,6 @@ def _rows(
                     "low": one.low.parameters[p.name].tolist(),
                     "high": one.high.parameters[p.name].tolist(),
                 }
-                for p in one.low.effect.parameters
+                for p in map(one.low.effect.parameter, one.high.given)
             },
         }

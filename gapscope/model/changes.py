@@ -32,7 +32,13 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.catalogue import of_quantity
 from gapscope.model.conditioning import STANDS_OUT, slips, without_slips
-from gapscope.model.design import Design, FreeArm, design, fitted_arm
+from gapscope.model.design import (
+    Design,
+    FreeArm,
+    design,
+    fitted_arm,
+    shared_basis,
+)
 from gapscope.model.difference import (
     GROWTHS,
     UNUSUAL,
@@ -763,26 +769,23 @@ def _gradual(
     for one in steps:
         there = np.isin(rows.group, one.groups or ())[:, None]
         without += made.torque(one.term, fit.values[one]) * there
-    before, after = ((x[mine] ** 2 / variance).sum() / 2 for x in (without, left))
     # a ramp pays once for a term, however many steps of it there are
     cost = {
         term: min(found.odds[one] for one in steps if steps[one] == term)
         for term in steps.values()
     }
-    score = before - after + sum(found.odds[one] for one in steps)
+    _, right, gram = _in_bins(made, mine, without - left, without, variance)
+    score = right.sum() ** 2 / max(float(gram.sum()), TINY) / 2
+    score += sum(found.odds[one] for one in steps)
     ramps: list[tuple[float, Ramp, list[Change]]] = []
     # a ramp of each term by itself, and one of all of them at once
     for terms in dict.fromkeys([*((term,) for term in cost), tuple(cost)]):
         likes = [_largest(term, some, whole=len(terms) > 1) for term in terms]
-        moved = sum(made.torque(like.term, like.value)[mine] for like in likes)
-        ramp = best_ramp(
-            rows.t[mine],
-            (without[mine] * moved / variance).sum(axis=1),
-            (moved**2 / variance).sum(axis=1),
-            # the filter makes a step as wide: a shorter ramp looks like one
-            4 * SMEARED / rows.cutoff,
-            SURE,
-        )
+        torques = [made.torque(like.term, like.value) for like in likes]
+        moved = np.sum(torques, axis=0)
+        own = _in_bins(made, mine, moved, without, variance)
+        # the filter makes a step as wide: a shorter ramp looks like one
+        ramp = best_ramp(*own, 4 * SMEARED / rows.cutoff, SURE)
         if ramp is not None:
             # its end is one more parameter than a step has
             odds = sum(cost[term] for term in terms) + float(np.log(UNUSUAL))
@@ -806,6 +809,40 @@ def _gradual(
         )
         for like in likes
     ]
+
+
+def _in_bins(
+    made: Design,
+    mine: np.ndarray,
+    moved: np.ndarray,
+    left: np.ndarray,
+    variance: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a torque explains of what is left in each bin of a recording, beside all that is shared.
+
+    What was fitted beside changes at once has adapted to them.
+
+    Args:
+        made: the design.
+        mine: rows of the recording, mask (M,).
+        moved, left: over the joints' scale [1], (M, n).
+        variance: of what is left, (n,).
+
+    Returns:
+        Edges of the bins [s], (B + 1,), and the right sides, (B,), and normal matrix of their torques, (B, B) [nats].
+    """
+    t = made.rows.t
+    edges = np.linspace(t[mine].min(), t[mine].max(), WINDOW_EDGES)
+    bins = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(edges) - 2)
+    inside = mine[:, None] & (bins[:, None] == np.arange(len(edges) - 1))
+    right, gram = np.zeros(inside.shape[1]), np.zeros(2 * inside.shape[1:])
+    for j in np.flatnonzero(moved.any(axis=0)):
+        own = inside * moved[:, j, None]
+        shared = shared_basis(made, j, float(variance[j]))
+        beside = own - shared @ (shared.T @ own)
+        right += beside.T @ left[:, j] / variance[j]
+        gram += beside.T @ own / variance[j]
+    return edges, right, gram
 
 
 def _largest(
@@ -835,7 +872,9 @@ def _moved_by(made: Design, term: Term, recordings: Sequence[Recording]) -> Move
 # The torque r that a recording has beside all else, of variance s^2, is taken as w(t) x d(t), with d the torque of a
 # term and w 0 up to a moment a, 1 from a moment b on, and even in between. The likeliest x explains
 #
-#     G(a, b) = (sum w r d / s^2)^2 / (2 sum w^2 d^2 / s^2)    [nats].
+#     G(a, b) = (sum w r d / s^2)^2 / (2 sum (w d)^2 / s^2)    [nats],
+#
+# sums over rows without what is shared, which r and w d are rid of.
 #
 # With a = b that is a change at once.
 
@@ -862,43 +901,43 @@ class Ramp(NamedTuple):
 
 
 def best_ramp(
-    t: np.ndarray, right: np.ndarray, square: np.ndarray, shortest: float, sure: float
+    edges: np.ndarray,
+    right: np.ndarray,
+    gram: np.ndarray,
+    shortest: float,
+    sure: float,
 ) -> Ramp | None:
     """The likeliest ramp of a term in a recording; ``None`` if none fits into it.
 
     Args:
-        t: times of its rows [s], (T,).
-        right: sum over joints of r d / s^2 on each row, (T,).
-        square: sum over joints of d^2 / s^2 on each row, (T,).
+        edges: of bins of it [s], (B + 1,).
+        right: sum of r d / s^2 over the rows of each bin and all joints, (B,).
+        gram: the same of d of one bin times d of another, beside what is shared, (B, B).
         shortest: a shorter ramp is none [s].
         sure: probability that it begins between the moments that are told [1].
     """
-    edges = np.linspace(t[0], t[-1], WINDOW_EDGES)
     # pairs in the wrong order as well: their length sorts them out
     a, b = (x.ravel() for x in np.meshgrid(edges, edges))
-    gain, _ = _explained(t, right, square, a, b)
+    t = (edges[1:] + edges[:-1]) / 2
+    gain, _ = _explained(t, right, gram, a, b)
     ramps = gain[b - a >= shortest]
     if not len(ramps):
         return None
-    # at once, before each row
-    pull, weight = (x[::-1].cumsum()[::-1] for x in (right, square))
-    steps = pull**2 / np.maximum(weight, TINY) / 2
+    # at once, before each bin
+    steps, _ = _explained(t, right, gram, edges[:-1], edges[:-1])
     of_ramps = np.where(b - a >= shortest, gain, -np.inf)
-    k, width = int(of_ramps.argmax()), edges[1] - edges[0]
-    # once more, about the best
-    near = np.linspace(-width, width, WINDOW_EDGES)
-    a, b = (x.ravel() for x in np.meshgrid(a[k] + near, b[k] + near))
+    width = edges[1] - edges[0]
+    # once more, about where it is likely to begin and to end
+    likely = [_likely_within(moments, of_ramps, sure) for moments in (a, b)]
+    near = (np.linspace(x - width, y + width, WINDOW_EDGES) for x, y in likely)
+    a, b = (x.ravel() for x in np.meshgrid(*near))
     longer = b - a >= shortest
     a, b = a[longer], b[longer]
-    gain, share = _explained(t, right, square, a, b)
+    gain, share = _explained(t, right, gram, a, b)
     k = int(gain.argmax())
-    # how likely it begins where, whatever its end: pairs in the order of beginnings
-    order = np.argsort(a, kind="stable")
-    likely = np.exp(gain - gain.max())[order].cumsum()
-    low, high = np.searchsorted(likely / likely[-1], [(1 - sure) / 2, (1 + sure) / 2])
-    # no finer than the grid and the rows
-    step = width / WINDOW_EDGES + float(np.median(np.diff(t)))
-    begins = float(a[order][low]) - step, float(a[order][high]) + step
+    low, high = _likely_within(a, gain, sure)
+    step = float(np.ptp(a)) / WINDOW_EDGES
+    begins = low - step, high + step
     return Ramp(
         float(a[k]),
         float(b[k]),
@@ -911,15 +950,26 @@ def best_ramp(
 
 
 def _explained(
-    t: np.ndarray, right: np.ndarray, square: np.ndarray, a: np.ndarray, b: np.ndarray
+    t: np.ndarray, right: np.ndarray, gram: np.ndarray, a: np.ndarray, b: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """G of each pair of moments [nats], (K,), and the likeliest x, (K,)."""
     # at once is a ramp as steep as numbers can be
     length = np.maximum(b - a, np.finfo(float).eps)[:, None]
     w = np.clip((t - a[:, None]) / length, 0.0, 1.0)
-    pull, weight = w @ right, w**2 @ square
+    pull, weight = w @ right, ((w @ gram) * w).sum(axis=1)
     share = pull / np.maximum(weight, TINY)
     return share * pull / 2, share
+
+
+def _likely_within(
+    moments: np.ndarray, gain: np.ndarray, sure: float
+) -> tuple[float, float]:
+    """Moments, (K,), between which one of the pairs of these log evidences lies with a probability [s]."""
+    order = np.argsort(moments, kind="stable")
+    likely = np.exp(gain - gain.max())[order].cumsum()
+    ends = np.searchsorted(likely / likely[-1], [(1 - sure) / 2, (1 + sure) / 2])
+    low, high = moments[order][np.minimum(ends, len(order) - 1)]
+    return float(low), float(high)
 
 
 def _mean(gain: np.ndarray) -> float:

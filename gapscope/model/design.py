@@ -186,6 +186,21 @@ class Design:
         return out
 
 
+def shared_basis(made: Design, j: int, noise2: float) -> np.ndarray:
+    """Columns Q, (M, K), with y - Q Q^T y what is left of y beside what is shared, as the prior has it.
+
+    Args:
+        made: the design.
+        j: the joint, from 0.
+        noise2: variance of y.
+    """
+    # ridge regression: the prior as further rows, of whose QR the upper part is kept
+    prior = made.prior[made.active[j]]
+    scaled = made.columns[j][:, prior > 0] * prior[prior > 0] / np.sqrt(noise2)
+    both = np.vstack([scaled, np.eye(scaled.shape[1])])
+    return np.asarray(np.linalg.qr(both)[0][: len(scaled)])
+
+
 def about(
     made: Design, arm: FreeArm, values: Mapping[Candidate, np.ndarray]
 ) -> tuple[np.ndarray, dict[Candidate, list[np.ndarray]]]:
@@ -431,7 +446,7 @@ def _part(
         return bodies, kept._replace(terms=kept.terms + own)
     regressor = bodies.regressor()
     # of torque beyond a limit only what reached the joint counts
-    delivered = arm.corrected(terms).delivered(segment.recorded_torque)
+    delivered = arm.corrected(terms).delivered(segment.recorded_torque, segment.motion)
     part = PartOfDesign(
         columns(at, rows, only),
         # bodies of both groups as their torque is recorded, whatever lies on the way to it
@@ -602,7 +617,7 @@ def _taken(
 def _usual_size(term: Term, arm: NominalArm) -> float:
     """Size of a term's coordinates that is usual where it is an effect."""
     effect, size = term.definition, term.parametrisation.usual
-    if effect.scope != "joint" or effect.reach == "motor" or len(effect.parameters) > 1:
+    if effect.scope != "joint" or effect.reach == "motor" or len(effect.needed) > 1:
         return size
     slides = arm.sliding[term.joint - 1]
     return size * float(size_per_radian(effect.parameters[0].unit, [slides])[0])

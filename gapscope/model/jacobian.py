@@ -18,6 +18,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.deflection import play_columns
 from gapscope.effects.effect import Effect, LinkChange, Path, TorqueLaw, Transmission
+from gapscope.effects.signals import Moment
 from gapscope.model.conditioning import Segment
 from gapscope.model.rows import DecimatedSegments
 from gapscope.model.terms import Term, Terms
@@ -196,7 +197,7 @@ class LinearisationPoint:
         bare = replace(self.arm, effects=tuple(of_motors))
         scale = 1.0 + self.arm.quantity("scale")
         needed = bare.needed_torque(np.zeros_like(recorded), self.motion)
-        return np.asarray(scale * self.arm.delivered(recorded) - needed)
+        return np.asarray(scale * self.arm.delivered(recorded, self.motion) - needed)
 
     def value(self, effect: str, parameter: str) -> np.ndarray:
         """Values of an effect's parameter over all joints, (n,)."""
@@ -319,7 +320,8 @@ def columns(
             searched = np.array(terms.shapes[term])[:, None]
             values = effect.values_at(np.ones((len(term.columns), 1)), searched)
             torque = segment.recorded_torque[:, j]
-            lost = torque - effect.applied(torque, None, *values.values())
+            at_joint = Moment(segment.motion.q[:, j], segment.motion.dq[:, j])
+            lost = torque - effect.applied(torque, at_joint, *values.values())
             out[:, j, term.columns[0]] = data.thin(lost, segment)
     bodily = [pair for effect in wanted for pair in _rigid_body_jacobian(at, effect)]
     if bodily:

@@ -69,7 +69,7 @@ def unit_columns(
     for unit in np.eye(effect.fitted.linear):
         x = np.repeat(unit[:, None], len(values), axis=1)
         by_name = effect.fitted.values(x, values[None])
-        parameters = [by_name[name] for name in effect.names]
+        parameters = [by_name.get(p.name, p.absent) for p in effect.parameters]
         if isinstance(effect, Path):
             u = signals.recorded
             torque = effect.applied(u, signals, *parameters) - u

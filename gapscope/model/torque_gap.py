@@ -58,7 +58,7 @@ def torque_gap(
             # a limit cuts off what is recorded, not what is needed
             torque = arm.unlimited.predict(segment.bodies(body), segment.motion)
             prediction[there] = torque[there]
-            delivered[there] = arm.delivered(segment.torque)[there]
+            delivered[there] = arm.delivered(segment.torque, segment.motion)[there]
         prediction_rows = low_pass(prediction, rate, TORQUE_CUTOFF)[inner]
         predicted.append(prediction_rows)
         if segment.unknown is None:
@@ -81,7 +81,8 @@ def gap_on_rows(
     for segment in rows.segments:
         assert segment.torque is not None
         predicted = corrected.predict(segment.bodies(body), segment.motion)
-        gaps.append(segment.bridged(corrected.delivered(segment.torque) - predicted))
+        delivered = corrected.delivered(segment.torque, segment.motion)
+        gaps.append(segment.bridged(delivered - predicted))
     return rows.rows(gaps)
 
 

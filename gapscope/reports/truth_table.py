@@ -46,7 +46,7 @@ def _values(effects: Sequence[AppliedEffect]) -> dict[Number, float]:
                     "std": None,
                     "unit": p.unit,
                 }
-                for p in applied.effect.parameters
+                for p in map(applied.effect.parameter, applied.given)
             },
         }
         for applied in effects

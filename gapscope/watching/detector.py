@@ -732,7 +732,7 @@ class Detector:
             body = segment.bodies(self._body)
             known = self.corrected.unlimited.predict(body, motion)
             without = self._nominal.predict(body, motion)
-            torque = self.corrected.delivered(torque) - known + without
+            torque = self.corrected.delivered(torque, motion) - known + without
         last = self.state.blocks[-1:]
         offset = 0.0
         if last:

@@ -57,14 +57,7 @@ EVERY = {
     "friction_drift": Entry(Truth(drift=(0.0, 0.8, 0.0), drift_time=3.0), (2,), [0.8]),
     "payload": Entry(Truth(mass=1.5, com=(0.2, 0.03, 0.02)), (), [1.5]),
     "link_inertia": Entry(
-        Truth(link=2, link_mass=1.0, link_com=(0.03, 0.0, 0.0)), (), [1.0], 0.1
-    ),
-    "link_inertia of the last link": Entry(
-        Truth(link=3, link_mass=0.6, link_com=(0.02, 0.01, 0.0)),
-        (),
-        [0.6],
-        0.1,
-        "payload",
+        Truth(link=2, link_mass=2.0, link_com=(0.03, 0.0, 0.0)), (), [2.0], 0.1
     ),
     "armature": Entry(Truth(armature=(0.5, 0.0, 0.3)), (1, 3), [0.5, 0.3]),
     "base_tilt": Entry(Truth(tilt=(0.05, -0.03)), (), [0.05]),
@@ -97,10 +90,6 @@ OTHERS: dict[str, dict[str, tuple[list[float], float]]] = {
     "friction_drift": {"time_constant": ([3.0], 0.3)},
     "payload": {"com": ([0.2, 0.03, 0.02], 0.01)},
     "link_inertia": {"link": ([2.0], 0.0), "com": ([0.03, 0.0, 0.0], 0.01)},
-    "link_inertia of the last link": {
-        "link": ([3.0], 0.0),
-        "com": ([0.02, 0.01, 0.0], 0.01),
-    },
     "base_tilt": {"pitch": ([-0.03], 0.005)},
     "torque_ripple": {"cycles": ([16.0], 0.1), "phase": ([0.7], 0.1)},
     "parallel_spring": {"rest": ([0.3], 0.02)},
@@ -164,6 +153,20 @@ def test_an_effect_is_found_with_its_joints_and_values(label: str) -> None:
         check(effect, further, values, tolerance)
     assert effect["share"] > entry.closed
     assert not document["unexplained"]["above_floor"]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("link", "mass"), [(2, 1.0), (3, 1.2)])
+def test_a_link_that_a_poor_data_sheet_may_be_off_by_is_not_named_otherwise(
+    link: int, mass: float
+) -> None:
+    """Of three joints motion shows 13 combinations of the bodies, and four values of one link move five of them.
+
+    A data sheet all of whose bodies are off by a tenth explains that as well: what is left of it goes by no other name.
+    """
+    truth = Truth(link=link, link_mass=mass, link_com=(0.02, 0.01, 0.0))
+    document = diagnose(synthetic.case(truth, seed=1, duration=6.0)).document
+    assert not document["effects"]
 
 
 def check(

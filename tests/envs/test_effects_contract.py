@@ -177,6 +177,10 @@ STEADY = tuple(
     name for name, effect in CATALOGUE.items() if not isinstance(effect, Transmission)
 )
 """Joints with two masses ring; they are compared with closed formulas in ``drive/test_two_mass.py``."""
+MOTOR_LIMITS = (
+    "torque_saturation falling with the speed",
+    "torque_scale falling with heat",
+)
 DT = 1e-3
 
 
@@ -206,7 +210,7 @@ def _gaps(
     seen, q, dq = (np.array(x) for x in zip(*rows, strict=True))
     motion = Motion(plan.t, seen[:-1], dq[:-1], np.diff(dq, axis=0) / DT)
     before = commanded - CorrectedArm(arm).predict(body, motion)
-    after = corrected.delivered(commanded) - corrected.predict(body, motion)
+    after = corrected.delivered(commanded, motion) - corrected.predict(body, motion)
     # the ends, at which nobody knows the torque before and after
     inner = slice(60, -60)
     assert np.sign(dq).tolist() == np.sign(np.tile(SPEED, (len(dq), 1))).tolist()
@@ -219,14 +223,25 @@ def _severe(arm: NominalArm, name: str) -> AppliedEffect:
         return on_arm(name)
     values = {
         "torque_saturation": {"limit": [67.5, 19.0]},
+        "torque_saturation falling with the speed": {
+            "limit": [75.0, 22.0],
+            "corner_speed": 0.3,
+            "no_load_speed": [1.05, 1.5],
+        },
+        "torque_scale falling with heat": {
+            "scale": 0.0,
+            "fading": 0.15,
+            "rated": [60.0, 20.0],
+            "warming_time": 0.2,
+        },
         "external_force": {"force": [20.0, 5.0, -9.0], "start": 0.2, "end": 0.3},
     }.get(name)
-    return _applied(CATALOGUE[name], values) if values else _drawn(arm, name)
+    return _applied(CATALOGUE[name.split()[0]], values) if values else _drawn(arm, name)
 
 
 @pytest.mark.usefixtures("own")
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("name", [*STEADY, *RECORDS])
+@pytest.mark.parametrize("name", [*STEADY, *RECORDS, *MOTOR_LIMITS])
 def test_the_simulated_motion_needs_the_torque_that_the_law_says(
     engines, data_sheet_arm: NominalArm, name: str, engine: str
 ) -> None:
@@ -267,7 +282,7 @@ def test_the_simulated_motion_needs_the_torque_that_the_law_says(
 def test_an_effect_without_a_step_is_refused(
     data_sheet_arm: NominalArm, record: Effect
 ) -> None:
-    record = replace(record, parameters=CATALOGUE["torque_scale"].parameters)
+    record = replace(record, parameters=(CATALOGUE["torque_scale"].parameter("scale"),))
     register(record)
     try:
         applied = AppliedEffect(record.name, (1,), {"scale": 0.1})

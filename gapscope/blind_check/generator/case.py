@@ -21,7 +21,7 @@ from gapscope.blind_check.generator.arms import (
     text_of,
 )
 from gapscope.blind_check.generator.law import Cause, Draws, Law, LawContext
-from gapscope.blind_check.generator.laws import LAWS
+from gapscope.blind_check.generator.laws import LAWS, VARIANTS
 from gapscope.blind_check.generator.rigid import (
     inertia_diagonal,
     inverse_dynamics,
@@ -507,10 +507,10 @@ def _draw_causes(
     spec: CaseSpec, setup: CaseSetup, rng: np.random.Generator
 ) -> list[Cause] | None:
     """The causes of a case, each with a few tries; ``None`` if one of them finds no size."""
-    causes = []
+    causes, known = [], {**LAWS, **VARIANTS}
     for name in spec.laws:
         drawn = (
-            draw_cause(LAWS[name], setup, spec.severity, rng) for _ in range(DRAWS)
+            draw_cause(known[name], setup, spec.severity, rng) for _ in range(DRAWS)
         )
         cause = next((cause for cause in drawn if cause is not None), None)
         if cause is None:

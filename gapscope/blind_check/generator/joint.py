@@ -7,8 +7,8 @@ The laws are not those of the project's catalogue:
   that saturates d v / (|v|^p + w^p)^(1 / p);
 - a cold joint, x = 1, warms by its own losses: x' = -x / T (1 + r (P / P0 - 1)), friction times
   1 + a x (0.85 + 0.15 x) [bittencourt2012];
-- the motor: current clamp that falls with speed, dead time, current loop of first or second order, torque constant
-  that falls with current and heat, cogging with a second harmonic;
+- the motor: current clamp that falls with speed, voltage that back-EMF uses up, dead time, current loop of first or
+  second order, torque constant that falls with current and heat, cogging with a second harmonic;
 - the transmission: two masses, a hardening spring, a damper, free play [deluca2016];
 - outside the catalogue: Bouc-Wen hysteresis [wen1976], friction over position, torque that leaks from the joint before,
   a periodic disturbance, quadratic friction in one direction.
@@ -74,6 +74,8 @@ FIELDS = (
     "harmonic",
     "clamp",
     "clamp_slope",
+    "stall",  # torque that the voltage drives at rest, and the speed at which it drives none; 0: never short
+    "no_load",
     "lag",
     "second",  # above 0: a current loop of second order
     "delay",
@@ -204,6 +206,11 @@ def motor(p, s, i, u, v, q, t):  # type: ignore[no-untyped-def]
     """Torque of motor i [N m] after its electronics, u being the delayed command [N m]."""
     top = p.clamp[i] * (1.0 - p.clamp_slope[i] * abs(v))
     u = current_loop(p, s, i, min(max(u, -top), top))
+    if p.no_load[i] > 0.0:
+        ahead = v if u > 0 else -v
+        line = p.stall[i] * max(1.0 - ahead / p.no_load[i], 1e-6)
+        # the current is short before the voltage is all used up
+        u /= (1.0 + (abs(u) / line) ** 16) ** (1.0 / 16.0)
     gain = 1.0 + p.scale[i]
     if p.iron[i] != 0.0:
         gain *= 1.0 - p.iron[i] * (u / p.peak[i]) ** 2

@@ -334,6 +334,36 @@ def _saturation(draws: Draws) -> LawValues:
     return {"limit": share * draws.peak, "slope": slope, "share": share}
 
 
+def _envelope(draws: Draws) -> LawValues:
+    # the mean square speed is a third of the largest one, about
+    no_load = draws.uniform(2.6, 3.6) * draws.speed
+    corner = draws.uniform(0.2, 0.5) * no_load
+    share = draws.uniform(0.7, 0.95)
+    limit = share * draws.peak
+    return {
+        "limit": limit,
+        "corner_speed": corner,
+        "no_load_speed": no_load,
+        "stall": limit * no_load / (no_load - corner),
+        "share": share,
+    }
+
+
+VARIANTS = {
+    "torque_speed_limit": Law(
+        "torque_saturation",
+        _envelope,
+        puts(clamp="limit", stall="stall", no_load="no_load_speed"),
+        {"limit": -1, "stall": -1, "share": -1},
+        {"limit": "N m", "corner_speed": "rad/s", "no_load_speed": "rad/s"},
+        joints="one",
+        largest={"share": -0.4},
+        form="a line of the voltage, rounded off where it meets the current clamp",
+    )
+}
+"""Further laws of effects of the catalogue, which sealed sets do not draw."""
+
+
 ACTUATION = (
     Law(
         "torque_scale",

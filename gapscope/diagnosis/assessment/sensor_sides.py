@@ -194,7 +194,7 @@ def _side_gaps(
         laden = s.bodies(body)
         link = link_torque(arm, laden, s.motion)
         needed = arm.unlimited.predict(laden, s.motion)
-        recorded = np.hstack([arm.delivered(s.torque) - sensor, sensor])
+        recorded = np.hstack([arm.delivered(s.torque, s.motion) - sensor, sensor])
         expected = np.hstack([needed - link, link])
         measured.append(low_pass(recorded, s.motion.rate, TORQUE_CUTOFF)[s.inner])
         predicted.append(low_pass(expected, s.motion.rate, TORQUE_CUTOFF)[s.inner])

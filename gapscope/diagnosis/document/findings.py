@@ -333,7 +333,7 @@ def _parameters(
     applied: AppliedEffect, state: OtherState, terms: Terms, theta: np.ndarray
 ) -> dict[str, Any]:
     """Values at a place, and their deviations as far as they follow from what differs there."""
-    variances = {name: np.zeros(x.shape) for name, x in applied.parameters.items()}
+    variances = {n: np.zeros(applied.parameters[n].shape) for n in applied.given}
     mine = [t for t in terms.of(applied.name) if theta[list(t.columns)].any()]
     for term in mine:
         if term not in state.increments:
@@ -354,7 +354,7 @@ def _parameters(
             "value": applied.parameters[parameter.name].tolist(),
             "std": np.sqrt(variances[parameter.name]).tolist(),
         }
-        for parameter in applied.effect.parameters
+        for parameter in map(applied.effect.parameter, applied.given)
     }
 
 

@@ -38,6 +38,7 @@ from gapscope.model.design import (
     design,
     fitted_arm,
     is_link_change,
+    shared_basis,
 )
 from gapscope.model.difference import (
     REFITTED,
@@ -836,10 +837,8 @@ class Scan:
         # rows that count, neighbours in time once
         self._count = count * error.white2 / error.noise2
         self._bases = [
-            _basis(x, made.prior[active], noise2)
-            for x, active, noise2 in zip(
-                made.columns, made.active, error.noise2, strict=True
-            )
+            shared_basis(made, j, float(noise2))
+            for j, noise2 in enumerate(error.noise2)
         ]
 
     def added(self, term: Term, values: np.ndarray) -> np.ndarray:
@@ -922,11 +921,3 @@ class Scan:
         # each value costs half the logarithm of the count, as by the Bayesian criterion
         chance = len(logs) * float(np.log(self._count.max())) / 2
         return np.exp(logs), -lost - chance
-
-
-def _basis(columns: np.ndarray, prior: np.ndarray, noise2: float) -> np.ndarray:
-    """Columns Q, (M, K), with y - Q Q^T y what is left of y beside what is shared, as the prior has it."""
-    # ridge regression: the prior as further rows, of whose QR the upper part is kept
-    scaled = columns[:, prior > 0] * prior[prior > 0] / np.sqrt(noise2)
-    both = np.vstack([scaled, np.eye(scaled.shape[1])])
-    return np.asarray(np.linalg.qr(both)[0][: len(columns)])

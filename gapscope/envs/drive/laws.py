@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from copy import copy
 from functools import partial, reduce
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy import add, multiply
@@ -25,6 +25,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import ForwardDynamics
 from gapscope.effects.corrected import CorrectedArm, total
 from gapscope.effects.effect import Drift, DryLaw, Effect, Path
+from gapscope.effects.signals import Moment
 
 # Values of joints side by side, those of one arm or of several arms one after the other, and laws that act on them.
 # What laws that are called in every step do with their arguments is noted once, and then repeated.
@@ -476,24 +477,14 @@ class CoupledMotors:
 # The way from the commanded torque to the joint: what effects on it do to a torque, step by step.
 
 
-class Moment(NamedTuple):
-    """What a law on the way to the joint may ask for of its ``Series`` if it does not depend on time.
-
-    Attributes:
-        position: of the motors [rad], shape (n,).
-    """
-
-    position: np.ndarray | None
-
-
 class TorquePath(Rows):
-    """What is applied: the command after the laws before delay and lag, these two, and the laws behind them.
+    """What is applied: the command after the laws before delay and lag, these two, heat, and the laws behind them.
 
     The commanded torque is held over each step, so that a delayed one changes at most once within a step, after the
     fraction of T / dt. What is applied is the mean over the step of what comes out of delay and lag: the impulse of
     each step is exact for every T, the moment within the step is not. The lag's state is exact as well: it decays
     towards the older torque before the change and towards the newer one after it. Before the first command that command
-    counts as having been held. A law between delay and lag acts behind both.
+    counts as having been held. A law between delay and lag acts behind both. Motors are cold at first.
 
     Args:
         arm: an arm with effects.
@@ -507,7 +498,7 @@ class TorquePath(Rows):
 
     ROWS = (
         *("_before", "_after", "_whole", "_fraction", "_lag", "_lagging"),
-        *("changing", "_fresh"),
+        *("changing", "_fresh", "_heat"),
     )
 
     def __init__(self, arm: CorrectedArm, order: np.ndarray, dt: float) -> None:
@@ -525,7 +516,9 @@ class TorquePath(Rows):
         # a lag on one joint of an arm takes all its joints through the same formula
         self._lagging = np.full(len(steps), bool(lag.any()))
         acting = self._before.acting + self._after.acting
-        changes = lag.any() or delay.any()
+        self._heat = _Heat(arm, order, dt)
+        changes = lag.any() or delay.any() or self._heat.fading.any()
+        changes |= arm.quantity("no_load_speed").any()
         changes |= any(law.varies_with == "position" for law, _ in acting)
         self.changing = np.full(len(steps), bool(changes))
         self._fresh = np.ones(len(steps), dtype=bool)
@@ -538,10 +531,11 @@ class TorquePath(Rows):
         size = len(self._whole)
         self._columns = np.arange(size)
         self._first, self._last = (
-            repeated(partial(_through, laws), 2, size) if laws.acting else None
+            repeated(partial(_through, laws), 3, size) if laws.acting else None
             for laws in (self._before, self._after)
         )
         self._lags = bool(self._lagging.any())
+        self._heats = bool(self._heat.fading.any())
         self._in_time = bool(self._lags or self._whole.any() or self._fraction.any())
         self.constant = not self.changing.any()
         length = int(self._whole.max()) + 2
@@ -569,12 +563,16 @@ class TorquePath(Rows):
                 self._held[(now - ago) % len(self._held)] = row
 
     def reset(self, rows: slice = slice(None)) -> None:
-        """Forget all commands, of all joints or of some."""
+        """Forget all commands, of all joints or of some; their motors are cold."""
         self._fresh[rows] = True
+        self._heat.state[rows] = 0.0
         self._starts = True
 
     def __call__(
-        self, commanded: np.ndarray, position: np.ndarray | None = None
+        self,
+        commanded: np.ndarray,
+        position: np.ndarray | None = None,
+        velocity: np.ndarray | None = None,
     ) -> np.ndarray:
         """Torque [N m] that reaches the joints during this step for the torque commanded at its start, shape (n,).
 
@@ -582,15 +580,17 @@ class TorquePath(Rows):
 
         Args:
             commanded: [N m], shape (n,).
-            position: of the motors [rad], shape (n,); not needed if the path is ``constant``.
+            position, velocity: of the motors [rad], [rad/s], (n,); not needed if the path is ``constant``.
         """
         u = commanded
         if self._first:
-            u = self._first(u, position)
+            u = self._first(u, position, velocity)
         if self._in_time:
             u = self._through_time(u)
+        if self._heats:
+            u = self._heat(u)
         if self._last:
-            u = self._last(u, position)
+            u = self._last(u, position, velocity)
         return u
 
     def _through_time(self, u: np.ndarray) -> np.ndarray:
@@ -614,13 +614,36 @@ class TorquePath(Rows):
 
 
 def _through(
-    laws: Laws[Path], torque: np.ndarray, position: np.ndarray | None
+    laws: Laws[Path],
+    torque: np.ndarray,
+    position: np.ndarray | None,
+    velocity: np.ndarray | None,
 ) -> np.ndarray:
     """Torque [N m] that leaves some laws one after the other."""
-    moment = Moment(position)
+    moment = Moment(position, velocity)
     for law, values in laws.acting:
         torque = law.applied(torque, moment, *values)
     return torque
+
+
+class _Heat(Rows):
+    """Heat of motors, the state Q of ``gapscope.effects.actuation.faded``, exact for a torque that is held."""
+
+    ROWS = ("fading", "_rated", "_keep", "state")
+
+    def __init__(self, arm: CorrectedArm, order: np.ndarray, dt: float) -> None:
+        names = ("fading", "rated", "warming_time")
+        self.fading, rated, time = (arm.quantity(name)[order] for name in names)
+        self._rated = np.where(rated > 0, rated, 1.0)
+        self._keep = np.exp(-dt / np.maximum(time, dt * 1e-9))
+        self.state = np.zeros(len(order))
+
+    def __call__(self, torque: np.ndarray) -> np.ndarray:
+        """What is left of a torque [N m] during a step; the motors get warmer by it."""
+        left = torque * (1.0 - self.fading * self.state)
+        square = (torque / self._rated) ** 2
+        self.state = square + (self.state - square) * self._keep
+        return np.asarray(left)
 
 
 class _Lag(Rows):

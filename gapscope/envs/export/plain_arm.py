@@ -35,6 +35,7 @@ from gapscope.arm.dynamics.plain_urdf import (
 )
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import FRICTION_SMOOTHING, NominalArm
+from gapscope.effects.actuation import MIN_FALL
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import usual_load
 from gapscope.effects.corrected import CorrectedArm
@@ -51,6 +52,7 @@ DRIVEN = (
     *("stiffness", "rest", "delay", "lag", "scale", "offset", "zero"),
     *("ripple", "ripple_cycles", "ripple_phase"),
     *("gear_stiffness", "gear_damping", "play"),
+    *("corner_speed", "no_load_speed"),
 )
 """The other quantities of a drive."""
 
@@ -66,7 +68,8 @@ def joint_drives(corrected: CorrectedArm, body: RigidBody) -> pd.DataFrame:
     - inertia: smallest inertia that friction holds, however the other joints move [kg m^2];
     - gear: whether something yields between the joint and a motor of its own, whose rotor is known;
     - elastic: whether stiffness and damping of the gear are those of an effect, not of teeth in contact;
-    - effort, velocity: lowest known limits of the commanded torque [N m] and of the velocity [rad/s], or infinite.
+    - effort, velocity: lowest known limits of the commanded torque [N m] and of the velocity [rad/s], or infinite;
+    - stall: torque to which the line goes back at rest that falls to none at ``no_load_speed`` [N m], 0 without one.
 
     Args:
         corrected: the arm.
@@ -103,6 +106,9 @@ def joint_drives(corrected: CorrectedArm, body: RigidBody) -> pd.DataFrame:
     drives["inertia"] = np.where(alone, rotors, least / coupling.max())
     drives["effort"] = np.minimum(_known(limit), _known(corrected.quantity("limit")))
     drives["velocity"] = _known(body.velocity_limits())
+    corner, no_load = drives["corner_speed"], drives["no_load_speed"]
+    span = (no_load - corner).clip(lower=MIN_FALL)
+    drives["stall"] = corrected.quantity("limit") * no_load / span
     return drives
 
 
@@ -380,9 +386,11 @@ def xml_comment(lines: Sequence[str]) -> str:
     return f"\n{text}\n"
 
 
-def holds(held: Collection[str], effect: Effect) -> bool:
-    """Whether what has these quantities has the whole effect, all of whose parameters are some of them."""
-    return all(effect.quantities.get(name) in held for name in effect.names)
+def holds(
+    held: Collection[str], effect: Effect, given: Collection[str] | None = None
+) -> bool:
+    """Whether what has these quantities has all parameters of an effect that are given, by default that have to be."""
+    return all(effect.quantities.get(x) in held for x in given or effect.needed)
 
 
 def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
@@ -394,7 +402,7 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
     lines = [
         described(e, corrected.arm)
         for e in corrected.effects
-        if not holds(held, e.effect)
+        if not holds(held, e.effect, e.given)
     ]
     gear, rotors, distances = (
         arm.drives[name].to_numpy() for name in ("gear", "rotor", "presliding")
@@ -453,7 +461,7 @@ def described(applied: AppliedEffect, arm: NominalArm, hint: str | None = None) 
     values = "; ".join(
         f"{p.name} {_figures(applied.parameters[p.name])}"
         + ("" if p.unit == "1" else f" {p.unit}")
-        for p in applied.effect.parameters
+        for p in map(applied.effect.parameter, applied.given)
     )
     nearest = nearest_friction(CorrectedArm(arm, (applied,)))
     if not hint and nearest.any():

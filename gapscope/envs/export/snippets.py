@@ -287,7 +287,7 @@ class Target(NamedTuple):
                 self.hints[x] for x in effect.quantities.values() if x in self.hints
             )
             hint = next(said, None)
-            if hint is None and holds(self.held, effect):
+            if hint is None and holds(self.held, effect, applied.given):
                 continue
             if hint is None and self.model and holds(BODIES, effect):
                 hint = f"in the file of gapscope export --format {self.model}, which this belongs to"

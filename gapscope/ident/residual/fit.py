@@ -282,7 +282,7 @@ def effect_columns(
     columns = [np.zeros((*motion.q.shape, 0))]
     for k, applied in enumerate(physical.effects):
         before, after = physical.effects[:k], physical.effects[k + 1 :]
-        for parameter in applied.effect.parameters:
+        for parameter in map(applied.effect.parameter, applied.given):
             if parameter.name in NOT_LINEAR:
                 continue
             value = np.array(applied.parameters[parameter.name], dtype=float)
@@ -347,7 +347,7 @@ def from_segment(
         return low_pass(series, motion.rate, TORQUE_CUTOFF)
 
     load = physical.unlimited.predict(body, motion)
-    recorded = smooth(physical.delivered(segment.torque))
+    recorded = smooth(physical.delivered(segment.torque, motion))
     parameters = smooth(effect_columns(physical, body, motion))[rows]
     linear = Regressor(physical.arm, body, JOINT_COLUMNS).matrix(motion)
     return Trajectory(

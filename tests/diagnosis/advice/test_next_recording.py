@@ -34,10 +34,11 @@ DELAY = AppliedEffect("actuator_delay", (3,), {"delay": [0.012]})
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
 
 
-def slow_case(truth: synthetic.Truth) -> Case:
-    rng = np.random.default_rng(1)
+def slow_case(truth: synthetic.Truth, seed: int = 1, first: int = 0) -> Case:
+    rng = np.random.default_rng(seed)
     motions = [
-        synthetic.motion(k, frequency, 20.0) for k, frequency in enumerate((0.04, 0.05))
+        synthetic.motion(first + k, frequency, 20.0)
+        for k, frequency in enumerate((0.04, 0.05))
     ]
     recordings = tuple(
         synthetic.recording(truth, m, rng, f"slow_{k}.csv")
@@ -103,7 +104,8 @@ def advised(case: Case, effect: AppliedEffect, rival: str, **request: Any) -> Ad
 @pytest.mark.slow
 @pytest.mark.nightly
 def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() -> None:
-    case = slow_case(synthetic.Truth(delay=(0.0, 0.0, 0.01)))
+    """One of 6 ms: of 10 ms reversals of friction tell even here, of six delays and six lags every one rightly."""
+    case = slow_case(synthetic.Truth(delay=(0.0, 0.0, 0.006)), seed=3, first=6)
     result = diagnose(case)
     [question] = open_questions(result.document)
     assert {question.effect, question.rival} == {"actuator_delay", "actuator_lag"}
@@ -114,10 +116,11 @@ def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() ->
         AdviceRequest(LIMITS, evaluations=150, seed=0),
     )
     [pair] = advice.pairs
-    assert pair.evidence > 10 and pair.joint == 3
+    # odds of 50 to 1: what tells them apart grows with the fourth power of the delay
+    assert pair.evidence > 4 and pair.joint == 3
     assert advice.option is not None and advice.option.speed in ("quick", "lively")
     [delay] = [e for some in advice.hypotheses for e in some if e.name == DELAY.name]
-    assert delay.parameters["delay"][0] == pytest.approx(0.01, abs=0.001)
+    assert delay.parameters["delay"][0] == pytest.approx(0.006, abs=0.001)
     text = "\n".join(lines(advice, result.document))
     assert "Still open: actuator delay (joint 3)" in text and "nats" in text
 
