@@ -22,11 +22,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import sympy as sp
 from common import command_line
+from pinocchio import SE3
 
 from gapscope.arm.dynamics.description import (
     SINGLE,
     Joint,
-    Place,
     read_description,
 )
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
@@ -126,7 +126,7 @@ def _energies(
 ) -> Iterator[tuple[sp.Expr, sp.Expr]]:
     """Kinetic and potential energy per unit of each of a link's ten parameters; ``chain`` leads to it from the root."""
     place, turn = sp.zeros(3, 1), sp.eye(3)
-    v, w, still = sp.zeros(3, 1), sp.zeros(3, 1), Place()
+    v, w, still = sp.zeros(3, 1), sp.zeros(3, 1), SE3.Identity()
     for joint in chain:
         still = still * joint.place
         if joint.name not in arm.joints:
@@ -143,7 +143,7 @@ def _energies(
             joint.kind == "prismatic",
         )
         own, shift = _exact(still.rotation), _exact(still.translation)
-        still = Place()
+        still = SE3.Identity()
         if slides:
             shift = shift + own * axis * q[k]
         else:

@@ -144,9 +144,9 @@ def _sized(scene: Scene, one: Injection, size: float) -> Injection | None:
 
 def _believable(scene: Scene, one: Injection, values: Values) -> bool:
     """Whether every parameter is within its bounds, and the size within three times what is typical."""
-    law, known = one.law, CATALOGUE[one.law.name].parameters
-    sizes = VECTORS.get(law.name, (known[0].name,))
-    for parameter in known:
+    law, effect = one.law, CATALOGUE[one.law.name]
+    sizes = VECTORS.get(law.name, effect.needed[:1])
+    for parameter in map(effect.parameter, effect.needed):
         # of a slide in m, N and kg
         unit = size_per_radian(parameter.unit, scene.nominal.sliding)[one.joints]
         unit = unit if len(unit) else np.ones(1)

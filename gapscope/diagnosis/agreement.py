@@ -234,7 +234,7 @@ class ParameterAgreement:
     def _called(self) -> tuple[str, str]:
         """Key and name of its effect by its quantity, or by its own name."""
         plain = self.term.effect, effect_name(self.term.effect)
-        quantity = "".join(self.term.definition.quantities.values())
+        quantity = "".join(self.term.definition.needed_quantities)
         return SHORT.get(quantity, plain) if self.term.joint else plain
 
     @property

@@ -177,7 +177,11 @@ def drives_with(joints: tuple[int, ...], **quantities: np.ndarray) -> AppliedEff
         quantities: all of one effect, increments to the nominal arm or the values themselves, each of shape (m,).
     """
     effect, _ = of_quantity(next(iter(quantities)))
-    values = {name: quantities[own] for name, own in effect.quantities.items()}
+    values = {
+        name: quantities[own]
+        for name, own in effect.quantities.items()
+        if own in quantities
+    }
     return AppliedEffect(effect.name, joints, values)
 
 

@@ -160,6 +160,13 @@ class Effect:
         return tuple(p.name for p in self.parameters if p.absent is None)
 
     @property
+    def needed_quantities(self) -> set[str]:
+        """What these are of a simulated arm, keys of ``QUANTITIES``."""
+        return {
+            self.quantities[name] for name in self.needed if name in self.quantities
+        }
+
+    @property
     def fitted(self) -> Parametrisation:
         """How a diagnosis fits it, of an effect that the torque gap shows."""
         assert self.parametrisation is not None

@@ -28,7 +28,7 @@ HIDDEN_QUANTITIES = {
 HIDDEN = tuple(
     name
     for name, effect in CATALOGUE.items()
-    if set(effect.quantities.values()) <= HIDDEN_QUANTITIES
+    if effect.needed_quantities <= HIDDEN_QUANTITIES
     or (isinstance(effect, LinkChange) and effect.scope == "arm")
 )
 """Effects that the mystery arm may have: of these quantities, or a load; those that a diagnosis can find."""
@@ -143,7 +143,7 @@ def _draw(
         "delay": rng.uniform(0.004, 0.02, size),
         "zero": sign * rng.uniform(0.0175, 0.0873, size),
     }
-    values = {name: quantities[own] for name, own in effect.quantities.items()}
+    values = {name: quantities[effect.quantities[name]] for name in effect.needed}
     return AppliedEffect(name, tuple(int(joint) for joint in joints), values)
 
 

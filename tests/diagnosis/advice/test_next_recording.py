@@ -104,7 +104,7 @@ def advised(case: Case, effect: AppliedEffect, rival: str, **request: Any) -> Ad
 @pytest.mark.slow
 @pytest.mark.nightly
 def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() -> None:
-    """One of 6 ms: of 10 ms reversals of friction tell even here, of six delays and six lags every one rightly."""
+    """One of 6 ms: of 10 ms reversals of friction tell even here, of three delays and three lags every one rightly."""
     case = slow_case(synthetic.Truth(delay=(0.0, 0.0, 0.006)), seed=3, first=6)
     result = diagnose(case)
     [question] = open_questions(result.document)
