@@ -132,6 +132,7 @@ def hypotheses(
     found = {(e.name, place) for e in effects for place in _places(e)}
     out = [found]
     for question in questions:
+        # all places of the effect; of several changed links the one that is asked about
         asked = {
             (e.name, place)
             for e in effects
@@ -143,6 +144,7 @@ def hypotheses(
             on_link = by_name(question.rival).scope == "link"
             places = (last_link,) if on_link else question.rival_joints or (0,)
             rival = {(question.rival, place) for place in places}
+        # reads as (found - asked) | rival
         out.append(found - asked | rival)
     return out
 
@@ -176,14 +178,17 @@ class PlannedEvidence:
         self.rivals = Rivals(self._search.arm, self._search.rivals(sets))
         arm = self._search.arm
         terms = Terms(arm.arm.n_joints, {}, arm.arm.coupled_motors)
+        # what exceeds a limit depends on the controller, not on the motion
         self._nominal = arm.corrected(terms).unlimited
 
     def on(self, motion: Motion, payload: KnownLoad | None) -> list[ExpectedEvidence]:
         """What a motion with a payload is expected to say between each two of them."""
         search, present = self._search, self._search.rows
+        # stands in for a torque that is not recorded yet
         torque = self._nominal.predict(search.arm.body.carrying(payload), motion)
         segment = Segment("planned", motion, torque, payload=payload)
         rows = Rows([[[segment]]], present.cutoff, 1)
+        # as in the recordings at hand, so that nats are the same
         rows.scale = present.scale
         rows.held(*present.holding)
         return self.rivals.on(search.design_on(rows, self.rivals.effects))
@@ -265,6 +270,7 @@ def options(payload: KnownLoad | None, fastest: float) -> list[MotionOption]:
     Raises:
         InputError: there is none.
     """
+    # a bound given as the top of a speed allows that speed
     chosen = [name for name in SPEEDS if highest(name) <= fastest + 1e-9]
     if not chosen:
         least = min(highest(name) for name in SPEEDS)
@@ -354,6 +360,7 @@ def advise(
     unexplained = document["verdict"] == "unexplained"
     with threadpool_limits(1):
         if questions:
+            # names outside the catalogue are faults of the set-up: put right first
             if any(entry["effect"] not in CATALOGUE for entry in document["effects"]):
                 case = repaired(case, find_setup_faults(case))
             return _separating(case, effects, questions, request, progress)
@@ -405,11 +412,13 @@ def _separating(
 
     tried: list[tuple[MotionOption, float | None]] = []
     refused: InputError | None = None
+    # the options share the screening evenly
     each = SCREENING_SHARE / len(every)
     for k, option in enumerate(every):
         try:
             short = search(option, each, k * each).search
         except InputError as error:
+            # the limits may rule out this option alone
             refused = error
             tried.append((option, None))
             continue
@@ -440,6 +449,7 @@ def _chosen(tried: list[tuple[MotionOption, float | None]]) -> MotionOption:
     """
     worth = {}
     for option, reached in tried:
+        # a load has to be mounted: its evidence counts for less
         needed = 1.0 if option.payload is None else PAYLOAD_WORTH
         worth[option] = (reached or 0.0) / needed
     best = max(worth, key=lambda option: worth[option])
@@ -502,10 +512,12 @@ def _questions(advice: Advice) -> Iterable[str]:
 
 def _kept(advice: Advice, pair: ExpectedEvidence, times: int = 1) -> float:
     """Probability that the wrong one of two hypotheses should keep beside the other, after some recordings [1]."""
+    # log odds against what was found, which comes first with even odds to itself
     odds = [
         0.0,
         *(np.log(q.probability / (1.0 - q.probability)) for q in advice.questions),
     ]
+    # the worse of both ways: either one may turn out to be wrong
     return float(
         expit(abs(odds[pair.first] - odds[pair.second]) - times * pair.evidence)
     )
