@@ -152,6 +152,7 @@ class Document:
         known = self._known
         repaired = known.nrmse(known.before)
         faults = self._prepared.faults
+        # the gap with all faults in it; without faults nothing was put right
         recorded = [f.gap_before for f in faults if f.gap_before is not None]
         return GapStages(
             recorded=recorded[0] if recorded else repaired,
@@ -171,6 +172,7 @@ class Document:
         found = [self._finding(name) for name in comparison.named]
         found = with_torques_turned(_by_share(found), self.arm().n_joints)
         here = with_faults(found, prepared.faults, gap)
+        # after the shares are one whole: another state has a gap of its own
         effects = with_states(
             here, prepared.states, comparison.terms, comparison.own_theta
         )
@@ -187,6 +189,7 @@ class Document:
             "schema": 1,
             "case": prepared.case.name,
             "verdict": reached,
+            # of another arm this is all that is said; else it is a warning, below
             **({"misread": doubt} if prepared.another_arm else {}),
             "gap": self._gap(),
             "effects": effects,
@@ -241,17 +244,20 @@ class Document:
         comparison, known = self._comparison, self._known
         mine, applied = comparison.findings[name], comparison.change(name)
         own = np.asarray(sum(self._torque(one) for one in mine))
+        # the gap after holds what is named: it is put back to see the gap without it
         in_model = name in comparison.named
         only = known.before - own
         without = known.after + own if in_model else known.after
         left = known.after if in_model else known.after - own
         probability = comparison.probabilities[name]
         alternatives = comparison.alternatives(name)
+        # by squares, so that what overlaps with others is not closed twice
         closed = np.sqrt(np.clip(without**2 - left**2, 0.0, None))
         closed_first, closed_last = (
             float((known.nrmse(more) - known.nrmse(less)).sum())
             for more, less in ((known.before, only), (without, left))
         )
+        # an effect without joints is shown where it closes most
         joints = list(applied.joints) or _most_closed(closed)
         places = regions(closed, self._rows, self.load(), joints, most=1)
         entry = {
@@ -274,6 +280,7 @@ class Document:
             **self._significance(name),
         }
         further = self.effect_entry(name)
+        # both have entries here: torque gaps above, replay gaps in what is further
         for gap in ("gap_with_only_this", "gap_without_this"):
             entry[gap] |= further.pop(gap, {})
         return entry | further
@@ -302,6 +309,7 @@ class Document:
     def _carried_by(self, closed: np.ndarray) -> dict[str, Any]:
         """Shares of the squares that a finding closes, over the noise: by joint, and by recording."""
         comparison = self._comparison
+        # noise is over the scale of the torque: back to (N m)^2
         noise2 = comparison.fit.contrast.error.noise2 * comparison.rows.scale**2
         nats = closed**2 / noise2
         total = max(float(nats.sum()), 1e-300)
@@ -309,6 +317,7 @@ class Document:
         recordings: dict[str, float] = {}
         for k, name in enumerate(self._rows.names):
             share = float(nats[segments == k].sum()) / total
+            # segments of one recording add up, rounding not beyond one
             recordings[name] = min(recordings.get(name, 0.0) + share, 1.0)
         return {
             "joints": numbers(nats.sum(axis=0) / total),
@@ -331,6 +340,7 @@ class Document:
         """The arm, the recordings, how they were conditioned, and what was noticed."""
         comparison, prepared = self._comparison, self._prepared
         case, inferred = prepared.case, WARNING in prepared.case.warnings
+        # notes of recordings that judge concern the reader as well
         every = (*case.recordings, *case.judged)
         notes = [f"{r.name}: {note}" for r in every for note in r.notes]
         return {
@@ -372,6 +382,7 @@ def motion_rows(comparison: Comparison) -> MotionRows:
     """The rows on which the gap is measured, as what locates a gap takes them."""
     rows, mine = comparison.judged_on, comparison.explained.rows
     ddq = np.concatenate([rows.thin(s.motion.ddq, s) for s in rows.segments])
+    # a part of all segments may be looked at: these are counted from 0 again
     numbers_of, segment = np.unique(rows.segment[mine], return_inverse=True)
     own = [rows.segments[k] for k in numbers_of]
     first = [rows.t[mine][segment == k][0] for k in range(len(own))]
@@ -381,6 +392,7 @@ def motion_rows(comparison: Comparison) -> MotionRows:
         dq=rows.velocity[mine],
         ddq=ddq[mine],
         segment=segment,
+        # of the rows, which are thinned
         rates=tuple(s.motion.rate / rows.step(s) for s in own),
         names=tuple(s.recording for s in own),
         starts=tuple(float(t) for t in first),

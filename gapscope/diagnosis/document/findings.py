@@ -95,6 +95,7 @@ def at_middle_entry(applied: AppliedEffect, q: np.ndarray) -> dict[str, Any]:
         return {}
     range_of_joints = q[:, [joint - 1 for joint in applied.joints]]
     low, high = range_of_joints.min(axis=0), range_of_joints.max(axis=0)
+    # in the order of the catalogue
     stiffness, rest = applied.parameters.values()
     torque = stiffness * ((low + high) / 2 - rest)
     beyond = (rest < low) | (rest > high)
@@ -184,6 +185,7 @@ def with_faults(
     """
     rescaled = [_with_share_times(gap.physical_share, effect) for effect in effects]
     findings = rescaled + [_fault_finding(fault, gap) for fault in faults]
+    # what faults and effects close one by one does not add up: scaled to what all close
     total = sum(finding["share"] for finding in findings)
     if gap.closed is not None and total > 0:
         factor = gap.closed / total
@@ -202,6 +204,7 @@ def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
     only, without = fault.gap_with_only_this, fault.gap_without_this
     # A fault that cannot be simulated alone, such as quantisation, has no gaps of its own.
     if only is None:
+        # as if it changed nothing
         only = gap.recorded
     if without is None:
         without = gap.recorded
@@ -242,6 +245,7 @@ WRITTEN = (
 
 def _other_reading(fault: Fault, probability: float) -> dict[str, Any]:
     name, variant, joints = fault.kind
+    # no fault, but an effect that competed: the mounting tells, not the columns
     if isinstance(fault, TurnedBase):
         return _other_sign(name, [], probability)
     return {
@@ -261,6 +265,7 @@ def with_torques_turned(
 
 
 def _with_its_equivalent(effect: dict[str, Any], n_joints: int) -> dict[str, Any]:
+    # faults of the set-up are among the findings, and are no effects
     turn = known_effect(effect["effect"])
     if not isinstance(turn, Turn):
         return effect
@@ -305,6 +310,7 @@ def with_states(
         return list(findings)
     differing = {term.effect for state in others for term in state.increments}
     here = [found.recordings[k].name for k in found.states[0]]
+    # what all recordings share is said without naming any
     out = [
         {**f, "recordings": here, "elsewhere": []} if f["effect"] in differing else f
         for f in findings
@@ -319,6 +325,7 @@ def with_states(
                 "joints": list(applied.joints),
                 "parameters": _parameters(applied, state, terms, there),
             }
+            # found here with other values, or found only there
             twins = [f for f in out if f["effect"] == applied.name]
             if twins:
                 twins[0].setdefault("elsewhere", []).append(place)
@@ -334,6 +341,7 @@ def _parameters(
 ) -> dict[str, Any]:
     """Values at a place, and their deviations as far as they follow from what differs there."""
     variances = {name: np.zeros(x.shape) for name, x in applied.parameters.items()}
+    # terms without any value there make no effect
     mine = [t for t in terms.of(applied.name) if theta[list(t.columns)].any()]
     for term in mine:
         if term not in state.increments:
@@ -341,6 +349,7 @@ def _parameters(
         for column, deviation in zip(
             term.columns, state.increments[term].deviation, strict=True
         ):
+            # half of a central difference: parameters need not be linear in coordinates
             step = np.zeros(len(theta))
             step[column] = deviation
             (more,) = terms.effects(terms.clipped(theta + step), mine)
@@ -367,6 +376,7 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
     mine = rows.of(number)
     left = rows.in_newton_metres(fit.left)[mine]
     every = state.increments.items()
+    # the gap that this recording would have in the first state
     whole = left + sum(x.torque for _, x in every)
     this = sum(x.torque for term, x in every if term.effect == applied.name)
 
@@ -381,6 +391,7 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
     ]
     return {
         "effect": applied.name,
+        # as sure as the surest of its joints
         "probability": max(1.0 - (line.p or 0.0) for line in differing),
         "gap_with_only_this": {"torque_nrmse": numbers(only)},
         "gap_without_this": {"torque_nrmse": numbers(without)},
@@ -433,6 +444,7 @@ def suggested_recording(
             "what stays as large acts by position or is dry friction, what doubles with the speed is damping, and what "
             "grows with its square is inertia"
         )
+    # what is named comes first: a name in doubt costs more than one not given
     for findings in (effects, possible):
         rivals = [
             (rival["probability"], _kind(finding), rival)

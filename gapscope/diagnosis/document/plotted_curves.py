@@ -37,6 +37,7 @@ def located(
         segments: the rows of the gaps.
     """
     stages = []
+    # without effects the gap before is that after
     if document["effects"]:
         stages.append("before")
     if document["unexplained"]["above_floor"]:
@@ -98,6 +99,7 @@ def signatures(
         if shown is not None and applied.name not in shown:
             continue
         others = tuple(e for e in corrected.effects if e is not applied)
+        # with all others in place: what overlaps is theirs
         without = torque_gap(CorrectedArm(corrected.arm, others), body, segments)
         explained = full.predicted - without.predicted
         for joint in _joints(applied, explained, without):
@@ -126,6 +128,7 @@ def _joints(applied: AppliedEffect, explained: np.ndarray, gap: TorqueGap) -> li
     if applied.joints and on_itself:
         return list(applied.joints[:7])
     rms = np.sqrt((explained**2).mean(axis=0))
+    # over what each torque varies by, or the strongest joints would always be shown
     relative = rms / np.maximum(gap.measured.std(axis=0), 1e-9)
     return sorted(int(j) + 1 for j in np.argsort(-relative)[:3])
 
@@ -148,6 +151,7 @@ def _axis(
         case "directed load":
             load = np.abs(gap.measured[:, j]) * np.sign(rows.dq[:, j])
             return "load torque in the direction of motion", "N m", load
+        # from rows to rows of one segment mostly: the usual step is their period
         case "torque rate":
             period = np.median(np.diff(rows.t))
             rate = np.gradient(gap.predicted[:, j], period)
