@@ -63,6 +63,7 @@ class History:
     def changes(self, level: float) -> Iterator[dict[str, Any]]:
         """Its changes as ``fleet.json`` has them; parts before and after one are tested again at a level."""
         if self.stds is None:
+            # a single change is looked for: found or not is too little for more
             position, p = appearance(self.values.astype(bool).tolist())
             before, after = (
                 float(part.mean()) for part in np.split(self.values, [position])
@@ -122,8 +123,10 @@ def histories(
     dated[["joint", "link"]] = dated[["joint", "link"]].fillna(0).astype(int)
     made: list[History] = []
     factors: dict[tuple[str, str], float] = {}
+    # angles come round again, and without a deviation nothing can be tested
     known = dated[(dated["std"] > 0) & ~dated["parameter"].isin(ANGLES)]
     names = [*UNIT, *NUMBER, "si_unit"]
+    # how much deviations understate is common to all units
     for parameter, of_parameter in known.groupby(["effect", "parameter"]):
         own = []
         for key, rows in of_parameter.groupby(names):
@@ -137,9 +140,11 @@ def histories(
         made += [replace(one, stds=factor * stds) for one, stds in own]
     # whether each effect of a unit was found in its diagnoses
     of_unit = dict(iter(cases.sort_values(IN_TIME, kind="stable").groupby(UNIT)))
+    # the key begins with unit and nominal arm
     for key, group in dated.groupby([*UNIT, *PLACE]):
         rows = of_unit[key[:2]]
         found = rows["result"].isin(group["result"]).to_numpy(float)
+        # found every time: neither appeared nor vanished
         if not found.all():
             made.append(_history(rows, names, (*key, "", "", ""), found))
     return [one for one in made if len(one.values) >= SHORTEST_HISTORY], factors
@@ -197,6 +202,7 @@ def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
     for row in effects.to_dict("records"):
         joint, link = (None if pd.isna(row[k]) else int(row[k]) for k in PLACE[1:])
         names = row["parameter"], row["component"], row["si_unit"]
+        # zero stands for a deviation that is not known
         std = row["std"] if row["std"] > 0 else None
         number = Number(row["effect"], joint, link, *names, row["value"], std)
         numbers.append((row["unit"], number, row["share"]))
@@ -222,6 +228,7 @@ def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     values = np.array(list(parameter["value"].values()))
     stds = np.array([std or 0.0 for std in parameter["std"].values()])
     spread = np.hypot(stds, together["between"])
+    # without any scatter no unit is far from the others
     spread = np.where(spread > 0, spread, np.inf)
     deviation = (values - together["estimate"]) / spread
     for k in np.argsort(-np.abs(deviation), kind="stable")[:EXTREMES]:
@@ -283,6 +290,7 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         named = effects[effects["named"].astype(bool)]
         found, scatter = histories(of_type, named)
         everything += found
+        # one diagnosis of each: a unit that is recorded daily counts as one
         last = latest(of_type)
         of_last = named[named["result"].isin(last["result"])]
         robots.append(
@@ -330,6 +338,7 @@ def validate(document: Any) -> None:
 
 def _worst(last: pd.DataFrame, changes: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The last diagnoses, those with the largest gap over the floor first."""
+    # of all changes, those beyond the listed ones too
     units = [change["unit"] for change in changes]
     counts = pd.Series(units, dtype=object).value_counts()
     order = last.sort_values(["excess", "unit"], ascending=[False, True]).head(MOST)

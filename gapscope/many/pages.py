@@ -108,6 +108,7 @@ ROWS = 1000
 
 def page_count(rows: Sequence[Row]) -> int:
     """Number of pages that the table takes."""
+    # rounded up
     return max(1, -(-len(rows) // ROWS))
 
 
@@ -183,6 +184,7 @@ def histories(rows: Iterable[Row], unit: str) -> list[EffectHistory]:
         rows: of an archive.
         unit: its name; diagnoses of other units and unreadable ones are left out.
     """
+    # values of other arms and unreadable files say nothing of this one
     of_unit = [row for row in rows if row.unit == unit and row.document is not None]
     in_time = sorted(of_unit, key=lambda row: (row.date, row.folder))
     made: dict[tuple[str, str], EffectHistory] = {}
@@ -190,6 +192,7 @@ def histories(rows: Iterable[Row], unit: str) -> list[EffectHistory]:
         for number in (number for effect in row.effects for number in effect.numbers):
             key = effect_name(number.effect), number.place
             history = made.setdefault(key, EffectHistory(*key))
+            # diagnoses come in order: only the last one can be the same
             if row not in history.found[-1:]:
                 history.found.append(row)
             if number.parameter:
@@ -276,6 +279,7 @@ def _drawn(history: EffectHistory, name: str) -> Markup:
     # first and last moment of the axis: the same for all effects of a unit
     dates = [*(row.date for row in history.found), *history.absent]
     first, last = min(dates), max(dates)
+    # a single date would leave the axis without a length
     beyond = max(EDGE * (last - first), timedelta(days=1))
     drawn_span = [(first - beyond).isoformat(), (last + beyond).isoformat()]
     figure.update_xaxes(type="date", range=drawn_span)
@@ -295,6 +299,7 @@ def _shown_unit(unit: str, components: dict[str, list[Point]]) -> tuple[float, s
 
 def _absent_lines(history: EffectHistory) -> list[dict[str, object]]:
     """Dotted lines at the diagnoses without the effect: one path, since there may be thousands."""
+    # a blank would part the date in two numbers of the path
     dates = [f"{date:%Y-%m-%d_%H:%M:%S}" for date in history.absent]
     if not dates:
         return []
@@ -362,6 +367,7 @@ def sparkline(change: Mapping[str, Any]) -> Markup:
     """The history of a change as SVG, in colours of the page."""
     points = change["history"]
     days = [date.fromisoformat(point["date"]).toordinal() for point in points]
+    # found and not found have no deviation
     value, std = (
         np.array([point[key] or 0.0 for point in points]) for key in ("value", "std")
     )
@@ -370,11 +376,13 @@ def sparkline(change: Mapping[str, Any]) -> Markup:
     # upwards on the screen is downwards in its coordinates
     drawn = np.concatenate([value, value - Z95 * std, value + Z95 * std, means])
     y = HEIGHT - _scaled(drawn, HEIGHT)
+    # the first three are the points and their ends, the last two the means
     middle, low, high = y[: 3 * len(x)].reshape(3, -1)
     bars = [f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in zip(x, low, high, strict=True)]
     parts = [f'<path class="bars" d="{" ".join(bars)}"/>']
     for a, b in zip(x, middle, strict=True):
         parts.append(f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2"/>')
+    # a change may lie before the points that are kept
     split = sum(point["date"] <= change["last_before"] for point in points)
     spans = (x[: max(split, 1)], x[min(split, len(x) - 1) :])
     for level, own in zip(y[-2:], spans, strict=True):

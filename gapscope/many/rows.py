@@ -57,6 +57,7 @@ def split_date(name: str) -> tuple[datetime | None, str]:
     """
     for match in _DATE.finditer(name):
         packed = match["packed"] or ""
+        # 20260314 has both in one; 2026-03 is its first day
         month, day = match["month"] or packed[:2], match["day"] or packed[2:] or "1"
         hour, minute, second = (match[p] or "0" for p in ("hour", "minute", "second"))
         text = f"{match['year']} {month} {day} {hour} {minute} {second}"
@@ -81,6 +82,7 @@ def unit_name(case: str, folder: str, units_by: str = CASE) -> str:
     above = list(PurePath(folder).parts)
     folders = [*reversed(above[:-1]), *above[-1:]]
     names = [case, *folders] if units_by == CASE else [*folders, case]
+    # a name that is a date alone leaves nothing
     rests = (split_date(name)[1] for name in names)
     return next((rest for rest in rests if rest), case)
 
@@ -201,6 +203,7 @@ class Row:
         return {
             "verdict": self.verdict,
             "gap": _mean(before),
+            # joint by joint: one below its floor pays for no other
             "excess": _mean(np.maximum(before - floor, 0.0)),
             "left": _mean(np.maximum(self.gap("after") - floor, 0.0)),
             "closed": self.document["closed"],
@@ -216,6 +219,7 @@ class Row:
                 common = {key: entry[key] for key in ("probability", "share")}
                 for number in numbers_of(entry):
                     row = {"named": section == "effects", **common, **number._asdict()}
+                    # in the tables of a fleet a unit is an arm
                     row["si_unit"] = row.pop("unit")
                     if number.value is not None and number.std is not None:
                         row["low"] = number.value - Z95 * number.std
@@ -330,6 +334,7 @@ class FleetStore:
         Raises:
             GapscopeError: a file cannot be written.
         """
+        # effects first: a case in the table has all of its effects
         _append(pa.Table.from_pylist(list(effects), EFFECTS), self._effects)
         _append(pa.Table.from_pylist(list(cases), CASES), self._cases)
 
@@ -346,10 +351,12 @@ class FleetStore:
             InputError: the folder has no results, or they cannot be read.
         """
         wanted = list(columns or CASES.names)
+        # these decide which rows count, even if nobody asked for them
         needed = dict.fromkeys([*wanted, "case", "date", "finished", "error"])
         frame = _read(self._cases, CASES, list(needed), where)
         in_time = frame.sort_values("finished", kind="stable")
         latest = in_time.drop_duplicates(["case", "date"], keep="last")
+        # a failure counts only until the case is diagnosed, on whatever date
         diagnosed = latest[latest["error"] == ""]
         end = latest["case"].map(diagnosed.groupby("case")["finished"].max())
         overcome = (latest["error"] != "") & (latest["finished"] < end)
@@ -385,11 +392,13 @@ def _append(table: pa.Table, folder: Path) -> None:
         of_robot = pc.equal(table["robot"], key["robot"])
         of_date = pc.equal(table["date"], key["date"])
         rows = table.filter(pc.and_(of_robot, of_date))
+        # a name may hold a slash
         names = [f"{name}={quote(key[name], safe='')}" for name in PARTITION]
         _write(rows.drop_columns(list(PARTITION)), folder.joinpath(*names))
 
 
 def _write(rows: pa.Table, folder: Path) -> Path:
+    # a name that no other run can have taken
     path = folder / f"part-{uuid4().hex}.parquet"
     with atomic_write(path) as aside:
         pq.write_table(rows, aside, compression="zstd")
@@ -401,9 +410,11 @@ def _merge(part: Path, schema: pa.Schema, kept: pd.Series) -> None:
     old = sorted(part.glob("part-*.parquet"))
     if len(old) < 2:
         return
+    # robot and date stand in the names of the folders
     own = pa.schema([field for field in schema if field.name not in PARTITION])
     rows = ds.dataset([str(path) for path in old], schema=own).to_table()
     rows = rows.filter(pc.is_in(rows["result"], value_set=pa.array(kept, pa.string())))
+    # then the old ones go: rows that are there twice are told, lost ones are not
     _write(rows, part)
     for path in old:
         path.unlink()

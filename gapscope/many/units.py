@@ -54,6 +54,7 @@ def findings(group: Content) -> list[dict[str, Any]]:
     """
     alike: dict[tuple[Any, ...], list[Content]] = {}
     for row in group["effects"]:
+        # alike in all but the joint: one line for several joints
         same = [row[key] for key in ("effect", "kind", "agree", "link")]
         key = (*same, *row["units"], *row["instead"].items())
         alike.setdefault(key, []).append(row)
@@ -100,6 +101,7 @@ def _line(units: Sequence[str], row: Content, value: Content) -> dict[str, Any]:
     signed = definition is not None and any(
         p.increment and p.name == value["name"] for p in definition.parameters
     )
+    # one prefix for the values of all units
     largest = max(abs(v) for v in value["value"].values())
     factor, unit = display_unit(value["unit"], largest)
 
@@ -113,6 +115,7 @@ def _line(units: Sequence[str], row: Content, value: Content) -> dict[str, Any]:
         value["component"],
         f"[{unit}]" if unit else "",
     )
+    # the level of the test by which units were said to differ
     level = FLEET_LEVEL / len(row["parameters"])
     return {
         "label": " ".join(filter(None, label)),
@@ -165,6 +168,7 @@ def cells(confusion: Content) -> list[tuple[str, list[dict[str, Any]]]]:
     ``own`` arm, and of the ``best``.
     """
     lines = confusion["torque_nrmse"]
+    # zero has no logarithm
     known = [v for line in lines for v in line if v is not None and v > 0]
     low, high = (min(known), max(known)) if known else (1.0, 1.0)
 
@@ -201,8 +205,10 @@ def told_apart(confusion: Content) -> list[str]:
         ]
     out = []
     for unit, others in mixed.items():
+        # one-sided: an arm may predict another unit that does not predict it
         if any(mixed.get(other) != others for other in others):
             out.append(_mixed(unit, confused[unit][1:]))
+        # a group is told once, at its first unit
         elif unit == next(other for other in confused if other in others):
             names, more = (
                 listing([other for other in confused if other in others]),
