@@ -94,12 +94,14 @@ def check_reference(case: Case, reference: Case | KeptReference) -> None:
     source = (
         made_from(reference) if isinstance(reference, Case) else reference.made_from
     )
+    # against itself nothing has changed, whatever is wrong
     if source.get("case_sha256") == made_from(case)["case_sha256"]:
         raise InputError(
             "is the case itself",
             "give recordings of the same arm from a day on which it was healthy",
             where=place_of(reference),
         )
+    # an identified one is checked when the case is compared with it
     if isinstance(reference, Case):
         check_same_arm(case, reference)
 
@@ -131,6 +133,7 @@ def kept_reference(
         return reference.file.parent, reference
     folder = out / FOLDER
     earlier = _earlier(folder)
+    # the same files and the same program identify the same arm
     if earlier is not None and earlier.made_from == made_from(reference):
         return folder, earlier
     found = identified(reference, progress)
@@ -193,6 +196,7 @@ class DiagnosisResult(Result):
         if self.diagnosis.presliding:
             arm = replace(arm, presliding=np.array(self.diagnosis.presliding))
         states = self.diagnosis.states
+        # as the arm was at the end
         last = states[-1].effects if states else self.effects
         return CorrectedArm(arm, last, states=states)
 
@@ -208,6 +212,7 @@ class DiagnosisResult(Result):
         """
         out, found, change = Path(folder), self.diagnosis, self.change
         begin_results(out, DOCUMENT)
+        # written only if some file needs it: a case in memory has none
         source = partial(case_file, self.case, out)
         others = write_mended_case(found.faults, self.case, source, out)
         if change is not None:
@@ -215,6 +220,7 @@ class DiagnosisResult(Result):
                 shutil.copyfile(change.case.arm.urdf, aside)
             write_case_beside(change.case.arm, source(), out / CASE, URDF)
             others = (out / CASE, out / URDF, *others)
+            # read from a folder: there it stays
             if change.reference.file is None:
                 others = (*others, write_reference(change.reference, out / FOLDER))
         write_corrected(
@@ -227,6 +233,7 @@ class DiagnosisResult(Result):
             states=found.states,
         )
         render(found, out / REPORT)
+        # last: with it the results are whole
         write_document(self.document, out / DOCUMENT)
         return out / REPORT, out / DOCUMENT, out / CORRECTED, *others
 
@@ -269,11 +276,13 @@ def diagnose(
         ('effects_found', ['payload'])
     """
     progress("reads the case")
+    # units may be wrong: the diagnosis tests that
     loaded = case_of(case, any_unit=True)
     source = made_from(loaded)
     if against is None:
         found = diagnose_case(loaded, progress)
         return DiagnosisResult(loaded, _with_source(found, source))
+    # checks before minutes of work
     known = known_reference(against)
     check_reference(loaded, known)
     reference = identified(known, progress)

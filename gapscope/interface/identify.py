@@ -94,6 +94,7 @@ def _as_recorded(case: Case, *, any_torque: bool) -> Case:
     """
     set_up = look_at_set_up(case)
     doubts = [remark for remark in set_up.remarks() if remark.level != "ok"]
+    # bodies fitted to a log that is misread are those of no arm
     if set_up.misreads and not any_torque:
         raise InputError(
             "the case does not say what its log shows: "
@@ -103,6 +104,7 @@ def _as_recorded(case: Case, *, any_torque: bool) -> Case:
             ),
             file=case.name,
         )
+    # what else is doubtful does not stop it: it is said with the result
     said = (f"{doubt.text}; {doubt.remedy}" for doubt in doubts)
     return replace(case, warnings=(*case.warnings, *said))
 
@@ -110,6 +112,7 @@ def _as_recorded(case: Case, *, any_torque: bool) -> Case:
 def _loaded(case: Case | str | Path) -> Case:
     if isinstance(case, Case):
         return case
+    # a log is what people give first
     if Path(case).suffix.lower() in READERS:
         raise InputError(
             "is a recording, not a case",

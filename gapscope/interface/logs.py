@@ -76,6 +76,7 @@ class InspectionResult(Result):
         out = Path(folder)
         check_unused(out)
         robot, found = self.robot, self.found
+        # the case needs the robot as a file beside it
         if self.description is not None and found.arm is not None:
             out.mkdir(parents=True, exist_ok=True)
             found = replace(found, arm=replace(found.arm, urdf=out / DESCRIBED))
@@ -83,12 +84,14 @@ class InspectionResult(Result):
                 aside.write_text(self.description, encoding="utf-8")
             robot = DESCRIBED
         elif robot is not None and Path(robot).exists():
+            # relative, so that robot and case can be moved together
             way = os.path.relpath(Path(robot).resolve(), out.resolve())
             robot = Path(way).as_posix()
         picture, page, case = out / PICTURE, out / PAGE, out / CASE
         label, joints = found.main.label, names_of(found)
         write_picture(picture, label, panels_of(found, 0), joints)
         write_page(page, found, self.checked)
+        # the case last: with it the folder is whole
         with atomic_write(case) as aside:
             aside.write_text(case_text(found, out, robot), encoding="utf-8")
         return picture, page, case
@@ -125,9 +128,11 @@ def inspect(
     progress("reads")
     paths = [logs] if isinstance(logs, (str, Path)) else logs
     opened = [open_log(path) for path in paths]
+    # a robot that is given counts more than one that a log describes
     text = None if robot is not None else _description(opened)
     with TemporaryDirectory(prefix="gapscope_") as aside:
         given = robot
+        # a robot is read from a file, which is needed no longer than that
         if text is not None:
             given = Path(aside) / DESCRIBED
             given.write_text(text, encoding="utf-8")
@@ -169,6 +174,7 @@ def check(case: Case | str | Path, *, progress: Progress = silent) -> CheckResul
         True
     """
     with TemporaryDirectory(prefix="gapscope_") as aside:
+        # the check reads files: a case in memory gets some
         path = case_file(case, Path(aside)) if isinstance(case, Case) else Path(case)
         content = check_case(path, progress)
     return CheckResult(

@@ -66,6 +66,7 @@ def make_arm(robot: str | Path | NominalArm | Case, **sheet: Any) -> NominalArm:
     if isinstance(robot, NominalArm):
         return robot
     path = Path(robot)
+    # all other endings are models of robots, or none and a known name
     if path.suffix in (".yaml", ".yml") or is_folder(path):
         return load_case(path, read_recordings=False).arm
     return load_nominal_arm(robot, sheet=sheet)
@@ -146,6 +147,7 @@ def recording_of(
     everything = (*case.recordings, *case.judged)
     if isinstance(recording, int):
         return everything[recording]
+    # names first: a file of the same name may lie in the current folder
     named = {r.name: r for r in everything}
     if str(recording) in named:
         return named[str(recording)]
@@ -228,6 +230,7 @@ def predict(
     if isinstance(recording, Recording):
         chosen, arm = recording, make_arm(case)
     else:
+        # a mistake in a program, not in a file
         if isinstance(case, NominalArm):
             raise TypeError(
                 "an arm alone has no recordings: give a Recording or a case"
@@ -237,6 +240,7 @@ def predict(
     corrected = corrected_arm(arm, model)
     say_state(corrected, chosen)
     torque = predict_torque(corrected, chosen)
+    # with the time stamps of the file, to lie beside it
     return Prediction(chosen.name, chosen.stamps, torque)
 
 
@@ -299,6 +303,7 @@ def replay(
     chosen = recording_of(loaded, recording)
     corrected = corrected_arm(loaded.arm, model)
     say_state(corrected, chosen)
+    # so that an error in an effect names the file that it stands in
     source = Path(model) if isinstance(model, (str, Path)) else None
     with error_context(source, corrected.effects):
         engine = check_engine(engine)
@@ -333,6 +338,7 @@ def gap(case: Case | str | Path, model: Model = None) -> DocumentResult:
         >>> import gapscope
         >>> gapscope.gap("my_arm", "out/corrected.yaml").to_frame()  # doctest: +SKIP
     """
+    # what looks like another unit is measured, and said in the warnings
     loaded = case_of(case, any_unit=True)
     content = gap_document(loaded, corrected_arm(loaded.arm, model))
     return DocumentResult("gap", content, gap_tables, _gap_rows)
@@ -417,6 +423,7 @@ def export(
     """
     file = Path(file)
     ending = file.suffix.removeprefix(".")
+    # the one format whose ending is not its name
     form = format or {"xml": "mjcf"}.get(ending, ending)
     left_out, remarks = write_arm(corrected, form, file, controller=controller)
     return ExportResult(corrected, file, form, left_out, remarks, controller)

@@ -55,6 +55,7 @@ class Result(ABC):
         """The figures of the result as a data frame."""
         import pandas as pd
 
+        # a mapping holds columns, all else rows
         table = self.table()
         content = table if isinstance(table, Mapping) else list(table)
         return pd.DataFrame(content, columns=self.COLUMNS)
@@ -65,6 +66,7 @@ class Result(ABC):
         if isinstance(shown, str):
             return shown
         text = io.StringIO()
+        # the same in a file, a notebook and a pipe: fixed width, no colours
         Console(file=text, width=80, color_system=None).print(shown)
         return text.getvalue().rstrip()
 
@@ -106,10 +108,12 @@ class DocumentResult(Result):
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the page, if there is one, and, as the last, the document."""
         document = Path(folder) / f"{self.name}.json"
+        # the old document goes first: a run that is stopped leaves none
         begin_results(document.parent, document.name)
         page = document.with_suffix(".html")
         if self.page is not None:
             self.page(self.document, page)
+        # last: with it the results are whole
         write_json(self.document, document)
         return (document,) if self.page is None else (page, document)
 
