@@ -78,6 +78,7 @@ def unit(line: Line) -> str:
 def undetermined(line: Line, recordings: list[str]) -> list[str]:
     """Recordings that do not determine a parameter."""
     pairs = zip(recordings, line["information"], strict=True)
+    # below one the recording leaves the value as it was before
     return [name for name, ratio in pairs if ratio < 1.0]
 
 
@@ -232,6 +233,7 @@ def summary(content: dict[str, Any]) -> Group:
         caption_justify="left",
         **PLAIN,
     )
+    # names may fold; verdicts and values stay on one line
     for column in table.columns[1:]:
         column.no_wrap = True
     texts = [*_undetermined(content), *_difference_lines(content)]

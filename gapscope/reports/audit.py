@@ -24,6 +24,7 @@ def groups(content: Mapping[str, Any]) -> list[dict[str, Any]]:
     together: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for finding in content["findings"]:
         together.setdefault((finding["severity"], finding["kind"]), []).append(finding)
+    # findings come worst first: so does each group
     return [{**one, "others": _others(more)} for one, *more in together.values()]
 
 
@@ -69,6 +70,7 @@ def write_page(content: dict[str, Any], path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
+    # marked in the table of links
     odd = {finding["place"] for finding in content["findings"]}
     write_html(
         "audit/audit.html",

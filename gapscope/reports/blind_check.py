@@ -48,6 +48,7 @@ def brief_tables(figures: dict[str, Any]) -> list[PageSection]:
     """Those of a terminal, without the counts of shares."""
     shown = [table for table in tables(figures) if table.title in BRIEFLY]
     return [
+        # counts would not fit beside the shares
         replace(table, rows=[[re.sub(r", \d+ of \d+$", "", cell) for cell in row] for row in table.rows])
         for table in shown
     ]  # fmt: skip
@@ -56,6 +57,7 @@ def brief_tables(figures: dict[str, Any]) -> list[PageSection]:
 def tables(figures: dict[str, Any]) -> list[PageSection]:
     """All tables of a blind check."""
     kinds = figures["by_kind"].items()
+    # of these nothing can be named right
     caught = {k: v for k, v in kinds if k not in ("healthy", "outside")}
     groups = {
         "Effects named": caught,
@@ -66,6 +68,7 @@ def tables(figures: dict[str, Any]) -> list[PageSection]:
         "Rate of the recordings": figures["by_rate"],
         "Arm": figures["by_robot"],
     }
+    # a set without such cases has no such table
     main, *others = [_scores(title, own) for title, own in groups.items() if own]
     calibration, confusion = figures["calibration"], figures["confusion"]
     found = [main, _verdicts(figures), *others]
@@ -147,6 +150,7 @@ def _baselines(figures: dict[str, Any]) -> PageSection:
     }
     rows = []
     for name, method in {"this diagnosis": figures, **figures["baselines"]}.items():
+        # not every method was tried on every kind
         values = [method["by_kind"].get(a, {}).get(b) for a, b in kinds.values()]
         values += [method[a][b] for a, b in alarms.values()]
         shown = [rate(x) if isinstance(x, dict) else _number(x) for x in values]
@@ -190,6 +194,7 @@ def severity_figure(figures: dict[str, Any]) -> go.Figure:
     figure = go.Figure(layout={"colorway": COLOURS})
     for key, name in QUANTITIES:
         shares = [groups[group][key] for group in groups]
+        # a class without cases is drawn at zero
         rates = [share["rate"] or 0.0 for share in shares]
         pairs = list(zip(shares, rates, strict=True))
         intervals = {
@@ -240,6 +245,7 @@ def confusion_figure(figures: dict[str, Any]) -> go.Figure:
     figure.update_layout(
         xaxis_title="first answer",
         yaxis_title="truth",
+        # as in a table: the first truth at the top
         yaxis_autorange="reversed",
     )
     return figure
@@ -278,5 +284,6 @@ def write_score(scored: Scored, folder: Path) -> tuple[Path, ...]:
     for name, (title, make_figure, height) in FIGURES.items():
         figure = figure_html(make_figure(scored.figures), name, height)
         sections.append(PageSection(title=title, figure=figure))
+    # the script of lines and bars draws no maps of colours
     write_plot_page(page, "Blind check", "", sections, whole=True)
     return document, text, page

@@ -71,6 +71,7 @@ from gapscope.reports.pages import terminal_table, write_html
 
 def encode(values: np.ndarray) -> str:
     """Base64 of the values as little-endian float32."""
+    # little endian on any machine: the script of the page reads it so
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode(
         "ascii"
     )
@@ -109,12 +110,14 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
     """
     document, file = diagnosis.document, diagnosis.case_file
     n, found = len(joint_names(document)), []
+    # a case made in memory has no file to name
     case = "CASE" if file is None else shlex.quote(str(file))
 
     def made(name: str) -> str:
         return shlex.quote(str(folder / name))
 
     if any(fault.reading(n).differs(*OF_COLUMNS) for fault in diagnosis.faults):
+        # what follows is to be done with the mended case
         case = made("mended_case.yaml")
         found.append(
             Action(
@@ -142,6 +145,7 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
                 f"Record next: {following}", f"gapscope advise {case} --out next.csv"
             )
         )
+    # of another arm there is no gap to look at
     if document["verdict"] == "unexplained" and "misread" not in document:
         found.append(
             Action("Look at what stays unexplained: it says where and how the gap acts")
@@ -227,6 +231,7 @@ def _frequency(place: JointLocalisation) -> dict[str, Any] | None:
         "title": f"J{place.joint}: at which frequencies",
         "words": f"{_joined(told)}. {meaning}",
         "x": encode(FREQUENCIES),
+        # over its peak: where it lies is shown, not how large it is
         "gap": encode(found.gap / max(float(found.gap.max()), 1e-300)),
         "coherence": [
             {"name": name, "y": encode(np.clip(row, 0.0, 1.0))}
@@ -307,6 +312,7 @@ def payload(diagnosis: Diagnosis) -> dict[str, Any]:
     """All that the script of the report draws, as JSON-ready values."""
     names = joint_names(diagnosis.document)
     roles = {r["name"]: r["role"] for r in diagnosis.document.get("recordings", [])}
+    # four curves for each joint of each recording
     most = POINTS_OF_ALL_TRACES // max(1, 4 * len(names) * len(diagnosis.traces))
     points = int(np.clip(most, 400, POINTS_PER_CURVE))
     spectrum = diagnosis.spectrum
@@ -347,6 +353,7 @@ def _curves(trace: Trace, points: int) -> list[dict[str, str]]:
         measured, nominal, corrected = (
             x[:, joint] for x in (trace.measured, trace.nominal, trace.corrected)
         )
+        # peaks of the torque and of what is left are what a reader looks for
         keep = keep_extremes([measured, measured - corrected], points)
         curves = {
             "t": trace.t,
@@ -363,6 +370,7 @@ def keep_extremes(series: list[np.ndarray], points: int) -> np.ndarray:
     n = len(series[0])
     if n <= points:
         return np.arange(n)
+    # least and largest of each series are kept from each stretch
     edges = np.linspace(0, n, max(1, points // (2 * len(series))) + 1).astype(int)
     pairs = list(pairwise(edges))
     kept = [
@@ -424,6 +432,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
                 "turn": turn.tolist(),
                 "axis": link.axis.tolist(),
                 "slides": link.kind == "prismatic",
+                # the URDF may list the joints in another order than the case
                 "column": diagnosis.arm.joints.index(link.joint),
             }
         )
@@ -443,6 +452,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
     rate = 1.0 / float(np.median(np.diff(t)))
     kept = slice(0, None, max(1, round(rate / FRAMES_PER_SECOND)))
     times = t[kept][:MAX_FRAMES]
+    # colours follow the gap of the same recording, if it is drawn at all
     trace = next(
         (x for x in diagnosis.traces if x.recording == name), diagnosis.traces[0]
     )
@@ -477,6 +487,7 @@ def _gap(trace: Trace, stage: str, times: np.ndarray) -> np.ndarray:
     predicted = trace.nominal if stage == "before" else trace.corrected
     error = np.abs(trace.measured - predicted)
     deviation = trace.measured.std(axis=0)
+    # a joint with hardly any torque would always glow
     scale = np.maximum(deviation, 0.05 * deviation.max())
     columns = [np.interp(times, trace.t, column) for column in error.T]
     return np.column_stack(columns) / np.maximum(scale, 1e-12)
@@ -499,8 +510,10 @@ def sides(diagnosis: Diagnosis) -> dict[str, Any]:
         return {}
     told, names = document["sides"], joint_names(document)
     sensor = {key: told["sensor"][key]["value"] for key in ("zero", "scale", "lag")}
+    # from s to ms
     sensor["lag"] = [1e3 * lag for lag in sensor["lag"]]
     gaps = {side: _joint_gaps(names, told[side]) for side in TITLES}
+    # one scale: both sides compare by eye
     scale = max(_scale(joints) for joints in gaps.values())
     return {
         "sentence": sides_sentence(document),
@@ -602,6 +615,7 @@ def _reference_joints(
 
 
 def _changed(before: float, after: float) -> str:
+    # no share of nothing
     if not before:
         return significant(after)
     share = round(100.0 * (after / before - 1.0))
@@ -669,6 +683,7 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
     """Means over the joints of the gap before, after and of the floor; replay gaps before and after, by engine."""
     document = diagnosis.document
     stages = [document["gap"][stage] for stage in STAGES]
+    # a joint of which one of them is not known counts in no mean
     rows = [row for row in gap_rows(document) if None not in row]
     means = [_mean([row[i] for row in rows]) for i in range(len(GAPS))]
     replays = {"Replay RMSE": [stage["replay_rmse"] for stage in stages]}
@@ -779,6 +794,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
         GapscopeError: the document is not valid, or ``path`` cannot be written.
     """
     validate(diagnosis.document)
+    # the templates take lists, not arrays
     document = plain(diagnosis.document)
     diagnosis = replace(diagnosis, document=document)
 
@@ -788,6 +804,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
             index
             for index, one in enumerate(diagnosis.signatures)
             if one.effect == entry["effect"]
+            # an effect without joints is drawn where it is strongest
             and (one.joint in entry["joints"] or not entry["joints"])
         ]
 
@@ -885,6 +902,7 @@ def _effects(document: Mapping[str, Any]) -> Table:
     """One row per parameter of each effect."""
     rows: list[Sequence[str | Text]] = []
     for effect in document["effects"]:
+        # the column is narrow
         place = acts_on(effect).removeprefix("the whole ")
         joints = ", ".join(joint_ranges(effect["joints"]))
         if not joints or place.startswith("motor"):

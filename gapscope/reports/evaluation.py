@@ -83,12 +83,14 @@ def _table(lines: list[SummaryLine], kind: tuple[str, str]) -> Table:
     heads = ["model"]
     for heading in HEADS[3:]:
         name, bracket, unit = heading.partition(" [")
+        # heads over two lines keep the table within 80 columns
         name = name.replace(" ", "\n").replace("diverged", "di-\nverged")
         heads.append(f"{name}\n[{unit}" if bracket else name)
     rows = []
     for line in lines:
         means = [_two_lines(line.means[name], factor) for name, factor in MEANS]
         model = Text(line.model, overflow="fold")
+        # the last two cells are no means
         rows.append([model, *map(Text, (*means, *cells(line)[-2:]))])
     title = f"\n{kind[0]}, disturbance: {kind[1]}"
     table = terminal_table(heads, rows, title=title, **PLAIN)
@@ -168,6 +170,7 @@ def write_page(
         facts += (
             f" Rank correlation of torque error and joint error: {correlation:.2f}."
         )
+    # the script of lines and bars draws no boxes
     write_plot_page(path, title, facts, sections, whole=True)
 
 
@@ -235,6 +238,7 @@ def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
             **common,
         )
     torque_title = "NRMSE of the feedforward torque [%]"
+    # good and bad models differ by decades
     figure.update_yaxes(type="log", row=1)
     figure.update_xaxes(title={"text": torque_title}, row=2, col=1)
     figure.update_yaxes(title={"text": "joint error [mrad]"}, type="log", row=2, col=1)
@@ -281,6 +285,7 @@ def write_evaluation(
         atomic_write(folder / TABLE) as aside,
         aside.open("w", newline="", encoding="utf-8") as file,
     ):
+        # all episodes have the same measures
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)

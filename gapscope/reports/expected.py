@@ -21,6 +21,7 @@ def expected_rows(
     """
     rows: dict[str, list[str]] = {}
     for entry in entries:
+        # one unit for all joints of a row, whatever their sizes
         factor, unit = display_unit(entry["unit"], 1.0)
         unit = "" if entry["unit"] == "1" else f" [{unit}]"
         name = f"{effect_name(entry['effect'])}, {entry['parameter'].replace('_', ' ')}{unit}"

@@ -121,6 +121,7 @@ def _replay(
         residual=corrected.residual,
         states=corrected.states,
     )
+    # as the replay itself decides
     through_controller = case.controller is not None and recording.q_ref is not None
     how = "controller" if through_controller else "torque"
     return {

@@ -128,9 +128,11 @@ def filter_curves(result: Identification) -> dict[str, Any]:
 def _first(review: FilterReview, names: list[str]) -> int:
     """The parameter that is drawn at first: one that changed, or that departs, or friction of the first joint."""
     for moved in review.moved:
+        # of the first change, by what each parameter moved over its deviation
         return int(np.abs(moved / review.track.deviation[-1]).argmax())
     if review.departures:
         return review.departures[0].parameter
+    # names begin with b, viscous, and c, Coulomb
     friction = [i for i, name in enumerate(names) if name[0] in "bc"]
     return friction[0] if friction else 0
 
@@ -145,6 +147,7 @@ def _starts(review: FilterReview) -> list[dict[str, Any]]:
     """Where recordings after the first begin, in elapsed time."""
     names = review.recordings
     edges = [k for k in range(1, len(names)) if names[k] != names[k - 1]]
+    # where the recording before it ends
     return [{"elapsed": float(review.track.t[k - 1]), "name": names[k]} for k in edges]
 
 
@@ -163,9 +166,11 @@ def payload(result: Identification) -> dict[str, Any]:
     """All that the script of the report draws, as JSON-ready values."""
     names = result.case.arm.joints
     judged = result.validation[1]
+    # a joint without any torque has no relative error
     worst = int(np.nanargmax(judged.every.relative))
     groups = [
         _group(validation, a, b, k)
+        # what was held out comes first
         for validation in result.validation[::-1]
         for k, (a, b) in _spans(validation)
     ]
@@ -174,6 +179,7 @@ def payload(result: Identification) -> dict[str, Any]:
         "worst": worst,
         "slides": list(result.case.arm.sliding),
         "groups": groups,
+        # a logarithmic axis has no zero
         "spectrum": [
             float(x) for x in np.maximum(result.determined.singular_values, FLOOR)
         ],
@@ -218,6 +224,7 @@ def _group(validation: Validation, a: int, b: int, number: int) -> dict[str, Any
                 validation.velocity,
             )
         )
+        # peaks of the torque and of what is left
         keep = keep_extremes([torque, torque - predicted], POINTS)
         dots = np.unique(np.linspace(0, b - a - 1, min(b - a, DOTS)).astype(int))
         joints.append(
@@ -288,6 +295,7 @@ def friction(document: dict[str, Any]) -> dict[str, Any]:
     found = {p["name"]: p for p in document["parameters"]}
     slides = joint_slides(document)
     labels = [str(j + 1) for j in range(len(document["arm"]["joints"]))]
+    # coupled motors, such as b6m
     labels += sorted(
         {
             name.lstrip("Ibcd")
@@ -295,6 +303,7 @@ def friction(document: dict[str, Any]) -> dict[str, Any]:
             if name.endswith("m") and name[0] in "Ibcd"
         }
     )
+    # columns that some row fills
     shown = [
         entry
         for entry in _FRICTION
@@ -406,6 +415,7 @@ def summary(result: Identification) -> Group:
     Before them, if the nominal arm predicts what was held out better, that it does.
     """
     found = [row for row in result.table if row.verdict == FOUND]
+    # what a row says already is not said twice
     warnings = [text for text in result.warnings if not _repeats(text, found)]
     lines = [
         *_facts(result),
@@ -414,6 +424,7 @@ def summary(result: Identification) -> Group:
         *(f"warning: {shortened(warning)}" for warning in warnings),
     ]
     first = [f"warning: {text}" for text in warnings if text.startswith(WORSE)]
+    # this one stands above the table
     rest = [line for line in lines if WORSE not in line]
     # relative error of the torque per joint, before and after, on fitted and held-out samples
     fit, held_out = result.validation
@@ -487,6 +498,7 @@ def _on_joints(joints: tuple[int, ...]) -> str:
 
 
 def _percent(value: float) -> str:
+    # only nan differs from itself
     is_nan = value != value
     return "–" if is_nan else f"{100 * value:.1f}"
 
@@ -537,6 +549,7 @@ def write_identification(
     write_base(result, folder / BASE)
     content = document(result, FILES)
     render(result, content, folder / REPORT)
+    # last: with it the results are whole
     write_document(content, folder / DOCUMENT, "identification")
     names = (REPORT, DOCUMENT, CASE, URDF, EFFECTS, BASE)
     return tuple(folder / name for name in names)

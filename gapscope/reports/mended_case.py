@@ -131,10 +131,12 @@ def write_mended_case(
         lines = [f"# {source.name}, with what gapscope diagnose found wrong put right"]
         lines += [f"# left to every diagnosis: {fault}" for fault in mended.others]
         section = dict(content.pop("import", None) or {})
+        # what the file mends already comes first, then what was found
         before = Reading.from_mend(
             section.pop("mend", None) or {}, case.arm.n_joints, source
         )
         mend = mended.after(before).to_mend()
+        # null: the channel is not read
         section |= {name: None for name in UNREAD if mended.reason(name)}
         for key, value in content.items():
             lines += _entry(key, value, mended.reason(key))
@@ -171,6 +173,7 @@ def _write_urdf(arm: NominalArm, reading: Reading, path: Path) -> None:
     root = ET.fromstring(shifted)
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")
+        # packages and absolute paths are found from anywhere
         if name and "://" not in name and not Path(name).is_absolute():
             there = arm.urdf.resolve().parent / name
             mesh.set("filename", os.path.relpath(there, path.resolve().parent))

@@ -53,7 +53,9 @@ def environment() -> jinja2.Environment:
     """Templates of all pages with their filters; everything is escaped unless a template file says otherwise."""
     made = jinja2.Environment(
         loader=jinja2.FunctionLoader(_read),
+        # names of cases, joints and files come from others
         autoescape=True,
+        # a name that a template lacks is an error, not a blank
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -223,6 +225,7 @@ def panels_figure(
                 y=_rounded(curve),
                 name=joints[j],
                 legendgroup=str(j),
+                # one entry for a joint, which switches it in all panels
                 showlegend=row == 1,
                 line={
                     "color": COLOURS[j % len(COLOURS)],

@@ -103,6 +103,7 @@ def write_page(content: Mapping[str, Any], path: Path) -> None:
     """
     figure = subplots(1)
     for outcome, colour in OUTCOMES.items():
+        # a diagnosis that failed says no value
         rows = [row for row in content["rows"] if row["outcome"] == outcome]
         places = [
             f"{effect_name(r['effect'])} {r['joint'] or ''}, {CHANCES[r['chance']]}"

@@ -128,6 +128,7 @@ def _table(content: Mapping[str, Any]) -> PageSection:
     rows = []
     for number, joint in enumerate(content["joints"], 1):
         left = joint["rmse"]
+        # where nothing is left nothing can be closed
         squares = (left["network"] / left["nothing"]) ** 2 if left["nothing"] else 1.0
         values = [f"{left[key]:.3g}" for key in ("nothing", "network", "trees")]
         name, form = f"J{number} {joint['name']}", joint["form"] or "silent"
@@ -178,6 +179,7 @@ def _figure(joint: Mapping[str, Any]) -> Figure:
                 mode=mode,
                 name=name,
                 legendgroup=name,
+                # each name once for all panels
                 showlegend=name not in named,
                 marker=dots,
                 line={"color": colour, "width": 2},

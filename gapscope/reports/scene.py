@@ -80,17 +80,20 @@ def write_mcap(scene: Scene, path: Path) -> None:
                     )
                 data = store.serialize_cdr(message, message.__msgtype__)
                 writer.write(topics[topic], stamp, data)
+        # the writer makes a folder with one file, which is what is wanted
         (file,) = bag.glob("*.mcap")
         move(file, aside)
 
 
 def _messages(scene: Scene, types: Any) -> Iterator[Message]:
     """Everything in the scene, in the order of time."""
+    # each stream is in order: merged as they come, never all in memory
     return heapq.merge(*_streams(scene, types), key=lambda message: message[1])
 
 
 def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
     """The messages of each topic."""
+    # viewers expect a URDF here; with MJCF the links move without a body
     if scene.arm.urdf.suffix != ".xml":
         text = scene.arm.urdf.read_text(encoding="utf-8")
         start = _nanoseconds(scene.t[0])
@@ -106,6 +109,7 @@ def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
     yield _poses(scene.arm, scene.t, scene.q, "", types)
     if scene.simulated is not None:
         t, q = scene.t, scene.simulated
+        # a message may leave out the efforts
         silent = np.empty((len(t), 0))
         yield _states("/simulated/joint_states", scene.arm, t, q, silent, types)
         yield _poses(scene.arm, t, q, SIMULATED, types)

@@ -72,6 +72,7 @@ def _figure(trained: Trained) -> Figure:
             scores = [getattr(getattr(point, arm), measure) for point in points]
             figure.add_scatter(
                 x=[point.steps for point in points],
+                # where the arm diverged the line has a gap
                 y=[factor * score if isfinite(score) else None for score in scores],
                 mode="lines+markers",
                 marker={"size": sizes, "color": colour},

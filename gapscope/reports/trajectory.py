@@ -188,6 +188,7 @@ def write_trajectory(
     slow_path = path.with_name(f"{path.stem}_slow.csv")
     page = path.with_suffix(".html")
     full = Sampled(found.motion)
+    # all files get their names together, once all of them are checked
     with ExitStack() as stack:
         paths = _write_checked(stack, full, 1.0, found, arm, plan, path)
         write_page(found, arm, plan, stack.enter_context(atomic_write(page)))

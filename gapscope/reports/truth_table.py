@@ -52,6 +52,7 @@ def _values(effects: Sequence[AppliedEffect]) -> dict[Number, float]:
         for applied in effects
     ]
     return {
+        # without its value a number is the same in truth and finding
         number._replace(value=None): float(number.value or 0.0)
         for entry in entries
         for number in numbers_of(entry)
