@@ -201,7 +201,7 @@ def _repaired(
     )
     for fault in faults:
         progress(f"finds {fault}")
-    # of whole recordings: parts of them may be too short to tell
+    # of the recordings as a whole, before they are cut and left out
     cutoff = position_cutoff(case.recordings)
     case, changes, states = _in_one_state(case, progress)
     return Prepared(

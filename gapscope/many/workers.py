@@ -277,7 +277,7 @@ def as_completed(
                 lost = error and pool.lost(error)
                 if lost and call.tries < tries:
                     begin(replace(call, tries=call.tries + 1))
-                # raised by the function itself: it would do so again
+                # no try is left, or the function itself has raised, as it would again
                 elif error:
                     yield replace(call, error=WorkerLostError(lost) if lost else error)
                 else:

@@ -159,7 +159,7 @@ def attempt(
 
 def _shortened(case: Case, recording: Recording) -> tuple[Recording, str]:
     """A recording shortened to what computing time allows, and what moves the arm in its replay."""
-    # with known commands the loop runs as it did; else the torque, which drifts away
+    # with known commands the loop runs as it did; else the recorded torque does
     if case.controller is not None and recording.q_ref is not None:
         by, rate = "controller", case.controller.rate
     else:

@@ -444,7 +444,7 @@ def suggested_recording(
             "what stays as large acts by position or is dry friction, what doubles with the speed is damping, and what "
             "grows with its square is inertia"
         )
-    # what is named comes first: a name in doubt costs more than one not given
+    # doubts about what is named come before what is only possible
     for findings in (effects, possible):
         rivals = [
             (rival["probability"], _kind(finding), rival)
