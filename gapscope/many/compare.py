@@ -118,6 +118,7 @@ def histories(
         effects: numbers of the named effects of these results.
     """
     dated = effects.merge(cases[["result", "recorded_at", "kept"]], on="result")
+    # results break ties of dates, the same way in each run
     dated = dated.sort_values(IN_TIME, kind="stable")
     # an effect without joint or link is on the arm
     dated[["joint", "link"]] = dated[["joint", "link"]].fillna(0).astype(int)
@@ -166,6 +167,7 @@ def drift(all_histories: list[History]) -> list[dict[str, Any]]:
     Of the histories that are called changed, a share ``FALSE_CHANGES`` is not, on average [benjamini1995]. The largest
     p among them is the level at which the parts before and after a change are tested again.
     """
+    # of the whole fleet at once: one account of false alarms
     p = np.array([history.p for history in all_histories])
     if not len(p):
         return []
@@ -213,6 +215,7 @@ def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
             | {"extremes": list(_extremes(parameter))}
             for parameter in row["parameters"]
         ]
+        # hundreds of units: their median stands for them
         shares = list(row.pop("shares").values())
         row |= {"units": len(shares), "share": float(np.median(shares))}
         made.append({**row, "parameters": parameters})
@@ -222,6 +225,7 @@ def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
 def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """The units farthest from the common value, in standard deviations of a single unit."""
     together = parameter["together"]
+    # a single unit has no others to be far from
     if together is None:
         return
     units = list(parameter["value"])

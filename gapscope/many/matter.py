@@ -67,6 +67,7 @@ def read_task(
         path = Path(task)
         if is_folder(path) or path.suffix == ".onnx":
             return path, (action, motions)
+        # a reference may hold no more than t and q
         task = load_recording(path, case.arm, case.importing, every_row=True)
     # the plan where there is one: what was recorded holds the errors of its arm
     q, dq = task.q_ref, task.dq_ref
@@ -100,6 +101,7 @@ def read_policy(path: Path, action: str, arm: NominalArm) -> AgentModel:
         raise InputError(
             f"is no ONNX model ({error})", "export the policy again", file=path
         ) from None
+    # one input: the observation
     (name, *_) = network.input_names
 
     def policy(observation: np.ndarray) -> np.ndarray:
@@ -144,6 +146,7 @@ def carried_out(
         return float(np.sqrt(np.mean(rmse**2))), nan, 1.0
     assert isinstance(goal, Path)
     action, motions = means
+    # undisturbed: what changes is due to the effects
     plan = EvaluationPlan(tuple(motions), ("none",), (seed,), (engine,))
     policy = read_policy(goal, action, arm)
     rows = TrackingBench(arm, effects, plan).episodes("", policy, engine, seed)
@@ -189,12 +192,14 @@ def matter(
         >>> import gapscope
         >>> gapscope.matter("my_arm", "task.csv", diagnosis="out")  # doctest: +SKIP
     """
+    # checked first: simulations may take long
     loaded, engine = case_of(case), check_engine(engine)
     file = None if diagnosis is None else Path(diagnosis) / "corrected.yaml"
     corrected = corrected_arm(loaded.arm, model if file is None else file)
     states, arm = corrected.states, corrected.arm
     # as the arm was at the end
     found = states[-1].effects if states else corrected.effects
+    # a force from outside belongs to its recording, not to the arm
     lasting = tuple(e for e in found if not isinstance(e.effect, External))
     if not lasting:
         raise InputError(

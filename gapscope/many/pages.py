@@ -72,6 +72,7 @@ def render_summary(
 
 def _counts(rows: Sequence[Row], words: Mapping[str, str]) -> list[tuple[str, int]]:
     """Verdicts in words with their number, those that occur."""
+    # in the order of the words, not of the numbers
     kinds = Counter(row.verdict for row in rows)
     return [(text, kinds[kind]) for kind, text in words.items() if kinds[kind]]
 
@@ -120,6 +121,7 @@ def render_table(rows: Sequence[Row], folder: str, number: int = 1) -> str:
         folder: name of the archive.
         number: of the page, from 1.
     """
+    # pages count from 1
     start = (number - 1) * ROWS
     units = {row.unit for row in rows if row.unit}
     return render_html(
@@ -195,6 +197,7 @@ def histories(rows: Iterable[Row], unit: str) -> list[EffectHistory]:
             # diagnoses come in order: only the last one can be the same
             if row not in history.found[-1:]:
                 history.found.append(row)
+            # an effect without numbers is found, and has no curve
             if number.parameter:
                 name = number.parameter.replace("_", " "), number.unit
                 points = history.parameters.setdefault(name, {})
@@ -227,6 +230,7 @@ def render_history(rows: Sequence[Row], unit: str) -> str:
 def _facts(rows: Sequence[Row], effects: Sequence[EffectHistory]) -> str:
     dates = sorted(row.date_text for row in rows)
     count = f"{len(rows)} diagnos{'is' if len(rows) == 1 else 'es'}"
+    # one date is no span
     span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
     if not effects:
         return f"{count}, {span}. No effect was named in any of them."
@@ -253,6 +257,7 @@ def _drawn(history: EffectHistory, name: str) -> Markup:
     for row, ((parameter, unit), components) in enumerate(
         history.parameters.items(), 1
     ):
+        # one unit for a panel: its values share an axis
         factor, shown_unit = _shown_unit(unit, components)
         for colour, (component, points) in zip(
             COLOURS, components.items(), strict=False
@@ -316,6 +321,7 @@ def headline(content: Mapping[str, Any]) -> str:
     """What a fleet's document says, in one sentence."""
     units = _count(content["units"], "unit")
     cases = _count(content["cases"], "case")
+    # a unit may change in several effects, and counts once
     changed = len({change["unit"] for change in content["changes"]})
     what = f"{_count(changed, 'unit')} changed" if changed else "no unit changed"
     failed = (
@@ -334,6 +340,7 @@ def value_words(value: float, std: float | None, unit: str) -> str:
 def change_words(change: Mapping[str, Any]) -> str:
     """What changed, from what to what."""
     before, after = change["before"], change["after"]
+    # found more or less often: no value to give
     if change["kind"] != "value":
         shares = f"{percent(before['value'])} to {percent(after['value'])}"
         return f"{change['kind']}: named in {shares} of the diagnoses"

@@ -98,6 +98,7 @@ def put_in(case: Case, planned: Planned, seed: int) -> Case:
     scenes = [Scene(recording, case.arm, case.arm) for recording in every]
     # sized where most motion shows it; then the same on all recordings
     longest = max(scenes, key=lambda scene: scene.recording.duration)
+    # empty for an effect on the arm
     joints = np.array([planned.joint - 1] * (planned.joint > 0), dtype=int)
     drawn = law.draw(rng, longest, joints)
     x = law.start * rng.choice([-1.0, 1.0] if law.signed else [1.0], 1)
@@ -226,7 +227,9 @@ def _planned(
         rng = np.random.default_rng([seed, crc32(law.name.encode())])
         every = list(joints) or range(1, arm.n_joints + 1)
         places = [0] if law.place == "arm" else every
+        # on top of one that is there the size put in is not the size named
         free = [place for place in places if (law.name, place) not in taken]
+        # no joint turns, and the law is about angles
         if not law.slides and all(arm.sliding):
             continue
         if not joints and len(free) > 1:
@@ -281,10 +284,12 @@ def _row(
     """What was put in, what was named, and the value said."""
     effect, joint = planned.law.name, planned.joint or None
     names, place = size_parameters(effect), (effect, joint)
+    # units of a slide are those of forces
     slides = joint is not None and arm.sliding[joint - 1]
     before, now = _named(baseline), _named(found)
     # what is named without the effect, too, is none of its doing
     new = [number for key, number in now.items() if key not in before]
+    # the name alone on another joint is no find
     right = any((n.effect, n.joint) == place for n in new)
     outcome = "found" if right else "confused" if new else "missed"
     problem = found.get("problem")

@@ -84,11 +84,13 @@ def unit_name(case: str, folder: str, units_by: str = CASE) -> str:
     names = [case, *folders] if units_by == CASE else [*folders, case]
     # a name that is a date alone leaves nothing
     rests = (split_date(name)[1] for name in names)
+    # only dates: the name of the case is better than none
     return next((rest for rest in rests if rest), case)
 
 
 def date_in_names(case: str, folder: str) -> datetime | None:
     """The date in the name of the case, or of the nearest folder that has one."""
+    # the nearest name first: folders above may date whole series
     names = (case, *reversed(PurePath(folder).parts))
     return next((date for date, _ in map(split_date, names) if date is not None), None)
 
@@ -147,6 +149,7 @@ class Row:
     @property
     def date_text(self) -> str:
         """The date, with the time of day unless it is midnight."""
+        # a day in a name has no time
         midnight = self.date.time() == datetime.min.time()
         return f"{self.date:%Y-%m-%d}" if midnight else f"{self.date:%Y-%m-%d %H:%M}"
 
@@ -240,6 +243,7 @@ class Row:
 
 
 def _mean(values: np.ndarray) -> float | None:
+    # joints that are not known count in no mean
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else None
 
@@ -371,6 +375,7 @@ class FleetStore:
         """
         if not self._effects.is_dir():
             return EFFECTS.empty_table().to_pandas()
+        # one robot at a time, so that no more is in memory
         frame = _read(self._effects, EFFECTS, EFFECTS.names, pc.field("robot") == robot)
         frame = frame[frame["result"].isin(results)]
         # written twice if a run ended while it merged files
@@ -380,6 +385,7 @@ class FleetStore:
         """Make one file of the files of each robot and date, without rows that no longer count."""
         if not self._cases.is_dir():
             return
+        # which rows count is asked once, over all robots and dates
         kept = self.cases(["result"])["result"]
         for folder, schema in ((self._cases, CASES), (self._effects, EFFECTS)):
             for part in sorted(folder.glob("robot=*/date=*")):
@@ -389,6 +395,7 @@ class FleetStore:
 def _append(table: pa.Table, folder: Path) -> None:
     keys = table.select(PARTITION).group_by(list(PARTITION)).aggregate([])
     for key in keys.to_pylist():
+        # a file for each robot and date, as folders go
         of_robot = pc.equal(table["robot"], key["robot"])
         of_date = pc.equal(table["date"], key["date"])
         rows = table.filter(pc.and_(of_robot, of_date))

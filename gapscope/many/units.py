@@ -58,6 +58,7 @@ def findings(group: Content) -> list[dict[str, Any]]:
         same = [row[key] for key in ("effect", "kind", "agree", "link")]
         key = (*same, *row["units"], *row["instead"].items())
         alike.setdefault(key, []).append(row)
+    # joints of one answer are one line of the report
     made, n = [], len(group["units"])
     for rows in alike.values():
         rows.sort(key=lambda row: row["joint"] or 0)
@@ -98,6 +99,7 @@ def findings(group: Content) -> list[dict[str, Any]]:
 def _line(units: Sequence[str], row: Content, value: Content) -> dict[str, Any]:
     """One number of an effect: ``label``, ``entries`` by unit, ``together``, ``scatter``, whether it ``differs``."""
     definition = known_effect(row["effect"])
+    # what adds to the nominal arm shows its sign
     signed = definition is not None and any(
         p.increment and p.name == value["name"] for p in definition.parameters
     )
@@ -145,6 +147,7 @@ def heading(group: Content) -> str:
     ]
     if not parts:
         return "No effect was found on any of them."
+    # worth saying: then the model of the type lacks nothing
     none = "" if {SHARED, DIFFERING} & set(kinds) else "none is shared by all units; "
     return f"Effects found: {none}{listing(parts)}."
 
@@ -174,6 +177,7 @@ def cells(confusion: Content) -> list[tuple[str, list[dict[str, Any]]]]:
 
     def cell(row: str, unit: str, value: float | None) -> dict[str, Any]:
         heat = log(value / low) / log(high / low) if value and high > low else 0.0
+        # one of each column: the arm that predicts this unit best
         best = row == confusion["best"][unit]
         return {"value": value, "heat": heat, "own": row == unit, "best": best}
 
@@ -261,6 +265,7 @@ def fleet_tables(content: Mapping[str, Any]) -> Group:
                 rows.append([Text(row_label(row)), *values])
             title = "torque NRMSE of an arm (row) on the recordings of a unit (column)"
             parts.append(terminal_table(["", *confusion["columns"]], rows, title=title))
+        # after the table that they explain
         notes = (*told_apart(confusion), nominal_note(group))
         parts += [Text(note) for note in notes if note]
     return Group(*parts)
