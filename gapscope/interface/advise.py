@@ -65,6 +65,7 @@ class ExcitationResult(Result):
         ``NAME_slow.csv`` and ``.yaml`` are the same path at a fifth of the speed, to be run first. All are checked as
         written.
         """
+        # before any work: the ending says what can be read back
         check_csv(file)
         make_folder(file.resolve().parent)
         return tuple(write_trajectory(self.excitation, self.arm, self.plan, file))
@@ -80,6 +81,7 @@ class ExcitationResult(Result):
         motion, torque = self.excitation.motion, self.excitation.torque
         # as if it were recorded, with the torque of the nominal arm
         planned = Recording("planned", motion.t, motion.q, torque, payload=self.payload)
+        # many small matrices: threads would wait for each other
         with threadpool_limits(1):
             return expected_entries(could_show(self.arm, [planned]))
 
@@ -157,6 +159,7 @@ class AdviceResult(Result):
 
     def shown(self) -> RenderableType:
         """What is open, and the recording that settles it."""
+        # margins and sizes are those of a motion, if there is one
         texts, motion = lines(self.advice, self.document), self.trajectory
         if motion is None:
             return "\n".join(texts)
@@ -220,5 +223,6 @@ def advise(
         found = diagnosis
     else:
         found = read_findings(diagnosis)
+    # without limits of the user's those of the robot file hold
     asked = request or AdviceRequest(LimitPlan())
     return AdviceResult(found[0], found[1], design_recording(*found, asked, progress))

@@ -131,6 +131,7 @@ def kept_reference(
     if isinstance(reference, KeptReference):
         assert reference.file is not None
         return reference.file.parent, reference
+    # a case is identified once for all cases, beside their results
     folder = out / FOLDER
     earlier = _earlier(folder)
     # the same files and the same program identify the same arm
@@ -193,6 +194,7 @@ class DiagnosisResult(Result):
         if self.change:
             return self.change.corrected
         arm = self.case.arm
+        # how friction builds up is part of the arm, not an effect of its own
         if self.diagnosis.presliding:
             arm = replace(arm, presliding=np.array(self.diagnosis.presliding))
         states = self.diagnosis.states
@@ -215,6 +217,7 @@ class DiagnosisResult(Result):
         # written only if some file needs it: a case in memory has none
         source = partial(case_file, self.case, out)
         others = write_mended_case(found.faults, self.case, source, out)
+        # the identified arm goes along as a case: corrected.yaml counts from it
         if change is not None:
             with atomic_write(out / URDF) as aside:
                 shutil.copyfile(change.case.arm.urdf, aside)
@@ -243,6 +246,7 @@ class DiagnosisResult(Result):
 
     def table(self) -> Iterator[dict[str, Any]]:
         """A row for each number of each effect: place, value, standard deviation, probability, share, named."""
+        # one row per number, so that effects of all kinds have the same columns
         for section in ("effects", "possible"):
             for entry in self.document[section]:
                 more = {key: entry[key] for key in ("probability", "share")}
@@ -278,6 +282,7 @@ def diagnose(
     progress("reads the case")
     # units may be wrong: the diagnosis tests that
     loaded = case_of(case, any_unit=True)
+    # of the files as they are, before anything is put right
     source = made_from(loaded)
     if against is None:
         found = diagnose_case(loaded, progress)

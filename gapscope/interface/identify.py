@@ -51,6 +51,7 @@ class IdentificationResult(Result):
         import pandas as pd
 
         result = self.identification
+        # of base parameters: those of single bodies have none
         deviation = np.sqrt(np.diag(result.uncertainty.covariance))
         columns = {"value": result.estimate.value, "std": deviation}
         names = pd.Index(result.base.expressions(), name="parameter")
@@ -82,6 +83,7 @@ def identify(
     chosen = settings or IdentificationSettings()
     read = _loaded(case)
     progress("tests the set-up")
+    # identification itself corrects no set-up, as a diagnosis does
     read = _as_recorded(read, any_torque=chosen.any_torque)
     return IdentificationResult(identify_case(read, chosen, progress))
 
@@ -110,6 +112,7 @@ def _as_recorded(case: Case, *, any_torque: bool) -> Case:
 
 
 def _loaded(case: Case | str | Path) -> Case:
+    # as it was made: units of arrays are those of the program that made them
     if isinstance(case, Case):
         return case
     # a log is what people give first

@@ -74,6 +74,7 @@ class InspectionResult(Result):
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write ``inspection.png``, ``inspection.html`` and the case to start from, which must not be there yet."""
         out = Path(folder)
+        # a case that somebody has edited is not written over
         check_unused(out)
         robot, found = self.robot, self.found
         # the case needs the robot as a file beside it
@@ -126,6 +127,7 @@ def inspect(
         >>> gapscope.inspect("log.csv", "robot.urdf").save("my_arm")  # doctest: +SKIP
     """
     progress("reads")
+    # a path is a sequence of letters, too
     paths = [logs] if isinstance(logs, (str, Path)) else logs
     opened = [open_log(path) for path in paths]
     # a robot that is given counts more than one that a log describes
@@ -140,7 +142,9 @@ def inspect(
         progress("looks at columns, units and torques")
         found = inspect_logs(opened, arm)
         progress("looks for faults of the set-up")
+        # which column is the torque shows only against the arm
         found = judge_torques(found)
+        # the case to start from is read back, as a user would read it
         checked = check_draft(found)
     named = None if robot is None else str(robot)
     return InspectionResult(found, checked, named, text)
@@ -149,6 +153,7 @@ def inspect(
 def _description(logs: Sequence[Log]) -> str | None:
     """The robot that a log describes, or ``None`` if none does."""
     texts = (log.robot_description for log in logs)
+    # logs of one arm describe the same one
     return next((text for text in texts if text is not None), None)
 
 
@@ -243,6 +248,7 @@ def agree(case: Case | str | Path, *, progress: Progress = silent) -> DocumentRe
 
 def _agreement_rows(content: Document) -> Iterator[dict[str, Any]]:
     """A row for each parameter and recording: verdict, value and standard deviation."""
+    # long form: a row for each value, whatever the number of recordings
     for line in content["parameters"]:
         columns = zip(content["recordings"], line["values"], line["std"], strict=True)
         for recording, value, std in columns:

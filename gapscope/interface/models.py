@@ -61,6 +61,7 @@ def make_arm(robot: str | Path | NominalArm | Case, **sheet: Any) -> NominalArm:
         >>> gapscope.make_arm("kuka_iiwa", coulomb=[1.0] * 7).n_joints
         7
     """
+    # what is read already is taken as it is, without its data sheet read again
     if isinstance(robot, Case):
         return robot.arm
     if isinstance(robot, NominalArm):
@@ -106,6 +107,7 @@ def corrected_arm(arm: NominalArm, model: Model) -> CorrectedArm:
     Raises:
         InputError: the model names a joint that the arm does not have, or its file cannot be used.
     """
+    # it has an arm of its own, which may be an identified one
     if isinstance(model, CorrectedArm):
         return model
     if isinstance(model, (str, Path)):
@@ -126,6 +128,7 @@ def case_file(case: Case, folder: Path) -> Path:
     Raises:
         GapscopeError: the folder cannot be written to.
     """
+    # commands and hashes work on files: a case in memory becomes some
     return case.file or write_case(case, folder / "case", overwrite=True)
 
 
@@ -144,6 +147,7 @@ def recording_of(
     """
     if isinstance(recording, Recording):
         return recording
+    # numbers go on from those that are fitted to those that judge
     everything = (*case.recordings, *case.judged)
     if isinstance(recording, int):
         return everything[recording]
@@ -152,6 +156,7 @@ def recording_of(
     if str(recording) in named:
         return named[str(recording)]
     path = Path(recording)
+    # the message names what the case has, which a missing file alone would not
     check_recording(path, named)
     return load_recording(
         path,
@@ -237,6 +242,7 @@ def predict(
             )
         loaded = case_of(case)
         chosen, arm = recording_of(loaded, recording, every_row=True), loaded.arm
+    # a model in effects alone adds to this arm
     corrected = corrected_arm(arm, model)
     say_state(corrected, chosen)
     torque = predict_torque(corrected, chosen)
@@ -306,6 +312,7 @@ def replay(
     # so that an error in an effect names the file that it stands in
     source = Path(model) if isinstance(model, (str, Path)) else None
     with error_context(source, corrected.effects):
+        # inside, as an engine may refuse one of the effects
         engine = check_engine(engine)
         progress(f"replays {chosen.duration:.3g} s in {engine}")
         result = replay_recording(
@@ -348,6 +355,7 @@ def _gap_rows(content: Document) -> Iterator[dict[str, Any]]:
     """A row for each recording and joint."""
     for recording in content["recordings"]:
         for joint, name in enumerate(content["joints"]):
+            # long form: arms of any number of joints have the same columns
             row = {"recording": recording["recording"], "joint": name}
             for key in ("torque_nrmse", "torque_rmse", "replay_rmse"):
                 row[key] = None if recording[key] is None else recording[key][joint]

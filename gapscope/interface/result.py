@@ -53,6 +53,7 @@ class Result(ABC):
 
     def to_frame(self) -> pd.DataFrame:
         """The figures of the result as a data frame."""
+        # only if asked for: results are used without it
         import pandas as pd
 
         # a mapping holds columns, all else rows
@@ -63,6 +64,7 @@ class Result(ABC):
     def summary(self) -> str:
         """The result as text of at most 80 columns."""
         shown = self.shown()
+        # a text has its own lines
         if isinstance(shown, str):
             return shown
         text = io.StringIO()
@@ -76,6 +78,7 @@ class Result(ABC):
     def __repr__(self) -> str:
         """The first screen of the text."""
         lines = self.summary().splitlines()
+        # a prompt shows no more than a screen; print shows all
         if len(lines) <= SCREEN:
             return "\n".join(lines)
         more = f"... {len(lines) - SCREEN + 1} more lines: print(result)"
@@ -150,6 +153,7 @@ def channel_columns(t: np.ndarray, **channels: np.ndarray) -> dict[str, np.ndarr
         t: time [s], (N,).
         channels: by name, (N, n) each.
     """
+    # one column for each joint, as files of recordings have them
     columns = {"t": t}
     for name, values in channels.items():
         for joint, x in enumerate(values.T, start=1):
