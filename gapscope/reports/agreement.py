@@ -44,6 +44,7 @@ def heading(content: Line) -> str:
         f"{len(content['recordings'])} recordings, {len(verdicts)} parameters: {counts['agrees']} agree, "
         f"{counts['differs']} differ"
     )
+    # the third verdict is said only if some have it
     rest = len(verdicts) - sum(counts.values())
     return f"{text}, {rest} not determined by two recordings." if rest else f"{text}."
 

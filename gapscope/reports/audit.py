@@ -48,6 +48,7 @@ def number(value: float | None) -> str:
 
 
 def _moving(content: Mapping[str, Any]) -> int:
+    # fixed joints do not move
     return sum(one["kind"] in ("revolute", "prismatic") for one in content["joints"])
 
 
@@ -106,6 +107,7 @@ def summary(content: dict[str, Any]) -> Group:
         parts += [Text(f"  to do: {worst['remedy']}")]
         if worst["others"]:
             parts.append(Text(f"  also: {worst['others']}"))
+    # only with a recording of static poses
     if content["static"] is not None:
         parts += [Text(line) for line in _static(content["static"])]
     return Group(*parts)

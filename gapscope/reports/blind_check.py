@@ -29,6 +29,7 @@ def truth_lines(labels: Path) -> Iterator[str]:
             or "healthy"
         )
         c = label["conditions"]
+        # healthy arms have no effect to measure
         ratio = "-" if label["ratio"] is None else f"{label['ratio']:.2f}"
         yield (
             f"{name} {label['kind']:8s} {c['robot']:12s} {c['rate']:4d} Hz {effects:60s} ratio {ratio:>6s} "
@@ -128,6 +129,7 @@ def _verdicts(figures: dict[str, Any]) -> PageSection:
 
 def _confusion(confusion: dict[str, dict[str, int]]) -> PageSection:
     rows = []
+    # a row for each truth, its answers with their numbers
     for truth, answers in confusion.items():
         listed = ", ".join(f"{answer} {count}" for answer, count in answers.items())
         rows.append((truth, str(sum(answers.values())), listed))
@@ -196,6 +198,7 @@ def severity_figure(figures: dict[str, Any]) -> go.Figure:
         shares = [groups[group][key] for group in groups]
         # a class without cases is drawn at zero
         rates = [share["rate"] or 0.0 for share in shares]
+        # Wilson's intervals are not the same to both sides
         pairs = list(zip(shares, rates, strict=True))
         intervals = {
             "type": "data",

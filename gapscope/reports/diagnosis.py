@@ -126,6 +126,7 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
             )
         )
     for entry in document["effects"]:
+        # a base that hangs otherwise than the case says
         if "gravity" in entry:
             found.append(Action(MOUNTED, f"gravity: {gravity_text(entry)}"))
     # while a cause is missing, a simulator with the others is no better known
@@ -136,6 +137,7 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
                 f"gapscope export {made(CORRECTED)} --case {case} --format mjcf --out arm.xml",
             )
         )
+    # something to correct first is no recording
     following = document["next_recording"] or ""
     if following.startswith(NOT_YET):
         found.append(Action(capital(following.removeprefix(NOT_YET))))
@@ -198,10 +200,12 @@ def _rule(place: JointLocalisation, slides: bool) -> dict[str, Any] | None:
 
 
 def _time(place: JointLocalisation) -> dict[str, Any] | None:
+    # without a start or a stop there is nothing to see over time
     told = [region for region in place.regions if region.kind == "interval"]
     if not told:
         return None
     name = told[0].detail["recording"]
+    # of several recordings the one with the largest part of the gap
     level = next(level for level in place.levels if level.recording == name)
     return {
         "title": f"J{place.joint}: when",
@@ -218,6 +222,7 @@ def _frequency(place: JointLocalisation) -> dict[str, Any] | None:
     told = [region for region in place.regions if region.kind in ("line", "coherence")]
     if not told:
         return None
+    # a line stands before coherent bands
     if told[0].kind == "line":
         meaning = "What has a frequency of its own does not follow the motion: vibration, a resonance, a ripple."
     else:
@@ -282,6 +287,7 @@ def guess_curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def _words(entry: Mapping[str, Any]) -> str:
     """How much of it which variable predicts, and whether the residual may be noise."""
     name = entry["curve"]["variable"]
+    # the test of whiteness is of what is left after the prediction
     noise = "may be noise" if entry["whiteness_p"] > WHITE else "is no noise"
     if entry["share"] == 0.0:
         return f"What is left {noise}, but nothing known of the motion predicts it on unseen data."
@@ -311,6 +317,7 @@ POINTS_PER_SIGNATURE = 700
 def payload(diagnosis: Diagnosis) -> dict[str, Any]:
     """All that the script of the report draws, as JSON-ready values."""
     names = joint_names(diagnosis.document)
+    # a document need not list its recordings
     roles = {r["name"]: r["role"] for r in diagnosis.document.get("recordings", [])}
     # four curves for each joint of each recording
     most = POINTS_OF_ALL_TRACES // max(1, 4 * len(names) * len(diagnosis.traces))
@@ -416,6 +423,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
     The motion is the one that was replayed, with the simulated arms beside the recorded one; without a replay the first
     recording alone.
     """
+    # of a diagnosis that is read again neither need be known
     if diagnosis.arm is None or not diagnosis.traces:
         return None
     body = RigidBody(diagnosis.arm)
@@ -474,6 +482,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 
 def _hull(hull: Hull) -> dict[str, Any]:
+    # two bytes hold the number of any vertex of a hull
     faces = np.ascontiguousarray(hull.faces, dtype="<u2").tobytes()
     return {
         "joint": hull.body - 1,
@@ -506,6 +515,7 @@ WORDS = {
 def sides(diagnosis: Diagnosis) -> dict[str, Any]:
     """Bars per joint of either side, the sensors' own errors, and the side of each effect; empty without sensors."""
     document = diagnosis.document
+    # only recordings with joint torque sensors have two sides
     if "sides" not in document:
         return {}
     told, names = document["sides"], joint_names(document)
@@ -687,6 +697,7 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
     rows = [row for row in gap_rows(document) if None not in row]
     means = [_mean([row[i] for row in rows]) for i in range(len(GAPS))]
     replays = {"Replay RMSE": [stage["replay_rmse"] for stage in stages]}
+    # a second engine shows whether the gap is the simulator's own
     for engine in stages[0].get("replay_elsewhere", {}):
         label = f"in {ENGINE_NAMES.get(engine, engine)}"
         replays[label] = [stage["replay_elsewhere"].get(engine) for stage in stages]
@@ -701,6 +712,7 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
 def expected(diagnosis: Diagnosis) -> dict[str, Any]:
     """How large further effects, or changes, would have had to be to be named; an older document says nothing."""
     document = diagnosis.document
+    # with a reference sizes are those of changes
     entries = (document.get("against") or document).get("expected", ())
     count = len(joint_names(document))
     return {"rows": expected_rows(entries, count), "joints": count}
@@ -728,6 +740,7 @@ def _telling(region: Mapping[str, Any]) -> float:
 def _above_floor(document: Mapping[str, Any]) -> list[tuple[int, str, list[str]]]:
     """Joints left above the floor: number, how many times the floor, and the effects named on them."""
     left, effects = document["unexplained"], document["effects"]
+    # without effects the whole gap is left, which is said elsewhere
     if not left["above_floor"] or not effects:
         return []
     return [
@@ -759,6 +772,7 @@ def _mean_motions(
 def _motions(slides: list[bool], *columns: list[float | None]) -> list[list[str]]:
     """Columns of angles [rad] and, of joints that slide, distances [m] as text."""
     shown = [[MISSING] * len(slides) for _ in columns]
+    # one unit for all that turns, and one for all that slides
     for sliding, unit in ((False, "rad"), (True, "m")):
         places = [j for j, slid in enumerate(slides) if slid == sliding]
         own = _angles(*[[column[j] for j in places] for column in columns], unit=unit)
@@ -850,6 +864,7 @@ def summary(document: Mapping[str, Any]) -> Group:
     label = Text(VERDICTS[document["verdict"]], style=_COLOURS[document["verdict"]])
     parts.append(Text.assemble((document["case"], "bold"), ": ", label))
     parts.append(Text(verdict_sentence(document)))
+    # with a reference effects are changes, which has to be said first
     if "against" in document:
         name, count = (
             document["against"]["reference"],
@@ -874,6 +889,7 @@ def summary(document: Mapping[str, Any]) -> Group:
     for column in table.columns:
         column.no_wrap = True
     parts += ["", title, table]
+    # without a gap a share of it means nothing
     closed = document["closed"]
     if closed is not None and document["verdict"] != "no_gap":
         parts.append(f"{percent(closed)} of the gap above the floor is closed")

@@ -65,6 +65,7 @@ def tables(lines: list[SummaryLine], content: dict[str, Any]) -> Group:
         f"{content['arm']['robot']}, {plan['law']}, {plan['bandwidth']:g} Hz: "
         "interquartile means, and 95 % intervals"
     )
+    # models compare only in one engine and under one disturbance
     by_kind = _by_kind(lines)
     return Group(Text(heading), *(_table(own, kind) for kind, own in by_kind.items()))
 
@@ -158,6 +159,7 @@ def write_page(
     title = f"Tracking of {content['arm']['robot']}"
     # the plan of the evaluation, the hidden effects and the rank correlation, in sentences
     plan = content["plan"]
+    # each once, on however many joints
     names = {effect["effect"] for effect in content["effects"]}
     effects = ", ".join(sorted(names)) or "none"
     facts = (
@@ -165,6 +167,7 @@ def write_page(
         f"{', '.join(plan['motions'])} of {plan['duration']:g} s; disturbances {', '.join(plan['disturbances'])}; "
         f"{len(plan['seeds'])} seeds. Hidden effects: {effects}."
     )
+    # too few models have none
     correlation = content["rank_correlation_of_torque_and_joint_error"]
     if correlation is not None:
         facts += (
@@ -186,6 +189,7 @@ def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
         "largest stable bandwidth [Hz]",
     )
     figure = subplots(2, 2, subplot_titles=titles, vertical_spacing=0.16)
+    # a colour for each engine and disturbance, in all four panels
     for number, (kind, own) in enumerate(_by_kind(lines).items()):
         colour = COLOURS[number % len(COLOURS)]
         name = f"{kind[0]}, disturbed: {kind[1]}"

@@ -59,6 +59,7 @@ def filter_sentence(document: dict[str, Any]) -> str:
     parts = [f"does not converge in {whole:.3g} s"]
     if shown["converged"] is not None:
         parts = [f"converges after {shown['converged']:.3g} s of {whole:.3g} s"]
+    # zero: parameters are held constant
     level = shown["process_noise"]
     wander = (
         f"friction wanders by {100 * level:.2g} % in a second" if level else "no drift"
@@ -74,6 +75,7 @@ def filter_sentence(document: dict[str, Any]) -> str:
     count = len(shown["departures"])
     departs = "no parameter departs from the batch"
     if count:
+        # the farthest comes first
         worst = shown["departures"][0]
         departs = (
             f"{count} of {len(shown['parameters'])} parameters depart from the batch, {worst['expression']} farthest "
@@ -100,6 +102,7 @@ def filter_curves(result: Identification) -> dict[str, Any]:
         }
         for i, expression in enumerate(expressions)
     ]
+    # an index of the track, or none
     start = review.converged
     # each joint's innovations over the elapsed time
     t = review.problem.interval * np.arange(len(review.innovation))
@@ -139,6 +142,7 @@ def _first(review: FilterReview, names: list[str]) -> int:
 
 def _elapsed(review: FilterReview, recording: str, time: float) -> float:
     """Elapsed time of a moment of a recording [s]."""
+    # each recording has a clock of its own
     own = np.array([name == recording for name in review.recordings])
     return float(np.interp(time, review.times[own], review.track.t[own]))
 
@@ -191,6 +195,7 @@ def payload(result: Identification) -> dict[str, Any]:
 
 def _update(result: Identification) -> list[dict[str, Any]]:
     """What a partial update did to each base parameter, as torque [N m]; empty of other estimators."""
+    # only a partial update leaves some parameters where they were
     if result.moved is None:
         return []
     nominal = result.base.of(result.columns.nominal(result.choice.law))
@@ -292,6 +297,7 @@ def joints(document: dict[str, Any]) -> dict[str, Any]:
 
 def friction(document: dict[str, Any]) -> dict[str, Any]:
     """Rotor inertia, friction and offset: a column each, a row per joint and coupled motor."""
+    # names are a symbol and a joint: b4, or of a coupled motor b6m
     found = {p["name"]: p for p in document["parameters"]}
     slides = joint_slides(document)
     labels = [str(j + 1) for j in range(len(document["arm"]["joints"]))]
@@ -474,6 +480,7 @@ def shortened(warning: str, limit: int = MAX_WARNING) -> str:
     """The first clauses of a warning, as many as ``limit`` characters hold, or words of the first clause."""
     first, *others = warning.split("; ")
     kept = first
+    # whole clauses: half a sentence says something else
     for clause in others:
         if len(kept) + 2 + len(clause) > limit:
             break
@@ -536,6 +543,7 @@ def write_identification(
     Raises:
         GapscopeError: no physically consistent parameters were found, or a file cannot be written.
     """
+    # first what may fail: bodies that no arm can have
     text = urdf_text(result.case.arm, identified_bodies(result))
     with atomic_write(folder / URDF) as aside:
         aside.write_text(text, encoding="utf-8")

@@ -119,6 +119,7 @@ def write_picture(
     all_axes = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
     for axes, panel in zip(all_axes, panels, strict=True):
         for j, curve in enumerate(panel.curves.T):
+            # more joints than colours
             style = "-" if j < len(COLOURS) else "--"
             axes.plot(
                 panel.x,
@@ -258,6 +259,7 @@ def joint_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
 def names_of(found: Inspection) -> list[str]:
     """Names of the joints: those of the columns, or numbers."""
     group = found.chosen["q"][1].group
+    # columns may carry names of joints, or only numbers
     if group.by_name:
         return list(group.labels)
     return [f"J{j + 1}" for j in range(group.width)]

@@ -39,6 +39,7 @@ def error_text(interval: Mapping[str, float | None]) -> str:
 
 def sentence(content: Mapping[str, Any]) -> str:
     """What matters most and least, beside the errors without and with all effects."""
+    # rows come with what matters most first
     first, last = content["rows"][0], content["rows"][-1]
     text = (
         f"Tracking error of {error_text(content['nominal']['error'])} without effects and "

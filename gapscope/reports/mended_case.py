@@ -107,6 +107,7 @@ def write_mended_case(
     Raises:
         GapscopeError: a file cannot be written.
     """
+    # a case without faults must not lie beside one that was mended
     for name in (CASE, URDF):
         (folder / name).unlink(missing_ok=True)
     mended = mending(faults, case)
@@ -114,6 +115,7 @@ def write_mended_case(
         return ()
     reading = mended.after(Reading.identity(case.arm.n_joints))
     source = case_file()
+    # paths count from the folder of the new file
     content = moved(read_case_file(source), source.parent, folder)
     content["name"] = f"{content['name']} mended"
     written = [folder / CASE]
@@ -124,6 +126,7 @@ def write_mended_case(
     if mended.reason("controller"):
         at_work = reading.controller(case.controller)
         assert at_work is not None
+        # all gains: those of joints without a fault are the declared ones
         gains = {g.name: getattr(at_work, g.name).tolist() for g in at_work.gains}
         content["controller"] = {**content["controller"], **gains}
     with atomic_write(folder / CASE) as aside:
@@ -156,6 +159,7 @@ def write_mended_case(
 
 def _entry(key: str, value: Any, why: str) -> list[str]:
     """Lines of a key with its value, a mapping over several, and why it was changed."""
+    # an empty mapping has no lines to spread over
     if not isinstance(value, dict) or not value:
         return [f"{key}: {flow(value)}{_comment(why)}"]
     inner = [f"  {name}: {flow(part)}" for name, part in value.items()]

@@ -60,6 +60,7 @@ def environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    # scripts and styles of the package itself need no escaping
     made.globals["embed"] = lambda name: Markup(_read(name))
     made.globals["plotly"] = _plotly
     made.filters |= {
@@ -142,6 +143,7 @@ class PageSection:
 
     def on_terminal(self, **style: Any) -> Table:
         """The table on a terminal, its texts to the left and numbers to the right."""
+        # as plain text: brackets in names are no markup
         texts = [[Text(cell, overflow="fold") for cell in row] for row in self.rows]
         left = 1 if self.numbers else len(self.heads)
         return terminal_table(self.heads, texts, left, title=self.title, **style)

@@ -68,6 +68,7 @@ def write_mcap(scene: Scene, path: Path) -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
+    # messages as ROS 2 defines them, without ROS installed
     store = get_typestore(Stores.ROS2_HUMBLE)
     with atomic_write(path) as aside, folder_aside(path) as folder:
         bag = folder / "scene"
@@ -100,6 +101,7 @@ def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
         described = types["std_msgs/msg/String"](data=text)
         yield [("/robot_description", start, described)]
     series = {"recorded": scene.recorded, "predicted": scene.predicted}
+    # what remains asks for a recorded torque
     if scene.recorded is not None:
         series["remaining"] = scene.recorded - scene.predicted
     for name, torque in series.items():
@@ -124,6 +126,7 @@ def _states(
     types: Any,
 ) -> Iterator[Message]:
     """Joint states at every sample."""
+    # of the positions: not every log has velocities
     speed = np.gradient(q, t, axis=0)
     for k in range(len(t)):
         header = _header(t[k], BASE, types)
@@ -143,6 +146,7 @@ def _poses(
     for k, moment in enumerate(t[::step]):
         header = _header(moment, BASE, types)
         transforms = []
+        # all against the base, so that no chain has to be known
         for link, name in enumerate(poses.names):
             place = types["geometry_msgs/msg/Vector3"](*poses.positions[k, link])
             turn = types["geometry_msgs/msg/Quaternion"](*poses.quaternions[k, link])

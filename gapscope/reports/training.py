@@ -65,6 +65,7 @@ def _figure(trained: Trained) -> Figure:
     figure = subplots(1, 2, subplot_titles=("joint error [mrad]", "reward per action"))
     best = trained.curve[trained.best].steps
     for (arm, name), colour in zip(ARMS.items(), COLOURS, strict=False):
+        # without hidden effects there is one arm only
         points = [point for point in trained.curve if getattr(point, arm) is not None]
         # the agent that is kept is marked
         sizes = [KEPT_MARKER if point.steps == best else MARKER for point in points]
