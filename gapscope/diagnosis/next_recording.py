@@ -84,6 +84,7 @@ def open_questions(document: Mapping[str, Any]) -> list[Question]:
     No recording is designed for setup faults, which are not physics of the arm, nor for what a motion alone does not
     predict: how far a command exceeds a limit depends on the controller. None tells two names of one cause apart.
     """
+    # nothing in its place is a rival like any other
     designed = {NONE, *(e.name for e in explained() if not e.limits)}
     questions = [
         _question(entry, rival)
@@ -168,6 +169,7 @@ class PlannedEvidence:
     """
 
     def __init__(self, case: Case, sets: Sequence[Collection[tuple[str, int]]]) -> None:
+        # values of the hypotheses are fitted to these
         recordings = [r for r in case.recordings if r.tau is not None]
         if not recordings:
             raise GapscopeError(
@@ -186,6 +188,7 @@ class PlannedEvidence:
         search, present = self._search, self._search.rows
         # stands in for a torque that is not recorded yet
         torque = self._nominal.predict(search.arm.body.carrying(payload), motion)
+        # no noise, no filters: a motion as it is planned
         segment = Segment("planned", motion, torque, payload=payload)
         rows = Rows([[[segment]]], present.cutoff, 1)
         # as in the recordings at hand, so that nats are the same
@@ -206,6 +209,7 @@ class PlannedEvidence:
     def effects(self) -> list[tuple[AppliedEffect, ...]]:
         """The effects of each hypothesis, with the values that explain the recordings best."""
         out = []
+        # a fit for each hypothesis, in their order
         for fit in self.rivals.fits:
             terms = fit.contrast.design.terms
             theta = np.zeros(terms.size)
@@ -279,6 +283,7 @@ def options(payload: KnownLoad | None, fastest: float) -> list[MotionOption]:
             f"give {least:g} Hz or more",
             where="fastest",
         )
+    # a payload is offered beside none, never in its place
     loads = [None] if payload is None else [None, payload]
     return [MotionOption(name, load) for name in chosen for load in loads]
 
@@ -356,6 +361,7 @@ def advise(
     Raises:
         InputError: the limits allow no trajectory, or none was found within the budget.
     """
+    # what is open comes first: the gap may be that of a wrong name
     questions = open_questions(document)
     unexplained = document["verdict"] == "unexplained"
     with threadpool_limits(1):
@@ -371,6 +377,7 @@ def advise(
 
 def _general(case: Case, request: AdviceRequest, progress: Progress) -> Advice:
     """A motion that excites all that a model of the arm may hold."""
+    # all evaluations: there is one option only
     budget = Budget(request.evaluations)
     plan = replace(SPEEDS[GENERAL], rate=request.rate, criterion="d", budget=budget)
     rng = np.random.default_rng(request.seed)
@@ -428,6 +435,7 @@ def _separating(
         tried.append((option, reached))
     if refused is not None and all(reached is None for _, reached in tried):
         raise refused
+    # what is left of the budget goes to the best option alone
     option = _chosen(tried)
     prepared = search(option, 1 - SCREENING_SHARE, SCREENING_SHARE)
     excitation = design(prepared, rng)
@@ -453,6 +461,7 @@ def _chosen(tried: list[tuple[MotionOption, float | None]]) -> MotionOption:
         needed = 1.0 if option.payload is None else PAYLOAD_WORTH
         worth[option] = (reached or 0.0) / needed
     best = max(worth, key=lambda option: worth[option])
+    # zero: no short search has kept the limits
     if worth[best] > 0:
         return best
     return next((option for option in worth if option.speed == "moderate"), best)
@@ -496,6 +505,7 @@ def _nothing_between(advice: Advice, document: Mapping[str, Any]) -> Iterable[st
 
 
 def _questions(advice: Advice) -> Iterable[str]:
+    # pairs count hypotheses from what was found
     names = ["what was found", *(question.other for question in advice.questions)]
     for question in advice.questions:
         yield (
@@ -528,6 +538,7 @@ def _verdict(advice: Advice) -> Iterable[str]:
         max(_kept(advice, pair, times) for pair in advice.pairs)
         for times in (1, TIMES_RECORDED)
     )
+    # settled is what would not be listed as open any more
     if once < OPEN_ALTERNATIVE:
         yield "That should settle it: record it, add it to the case, and diagnose again."
     elif repeated < OPEN_ALTERNATIVE:

@@ -134,6 +134,7 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
         InputError: the arm stands still, or time stamps cannot be put right.
     """
     check_moving(case)
+    # as a diagnosis begins, so that all commands say the same
     found, another = as_nominal_arm(case, find_setup_faults(case))
     right = repaired(case, found)
     gap, mounted = nominal_gap(right), upright(right)

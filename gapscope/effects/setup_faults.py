@@ -352,6 +352,7 @@ class UnitMismatch(Fault):
     def draw(cls, rng: np.random.Generator, n_joints: int) -> UnitMismatch:
         """All joints, with one gear ratio."""
         variant = str(rng.choice(cls.variants))
+        # gears have round ratios
         ratio = np.round(rng.uniform(*cls.parameters[0].typical))
         return cls(variant, ratio=float(ratio))
 
@@ -430,6 +431,7 @@ class ZeroOffset(Fault):
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
         """Each joint by eighths of a turn."""
+        # one joint at a time: others are found on top of it
         return [cls((j,), a) for j in range(1, look.n + 1) for a in ZERO_STARTS]
 
     def reading(self, n: int) -> Reading:
@@ -842,7 +844,9 @@ class CoarseReference(Fault):
                 where=f"{self.name}.period",
             )
         kept = np.arange(0, len(t), every)
+        # number of the set point before each row
         before = np.arange(len(t)) // every
+        # from one set point to the next
         slopes = np.diff(q_ref[kept], axis=0) / np.diff(t[kept])[:, None]
         # behind the last set point nothing is planned
         held_rate = np.vstack([slopes, np.zeros(q_ref.shape[1])])[before]

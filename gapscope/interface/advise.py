@@ -223,6 +223,6 @@ def advise(
         found = diagnosis
     else:
         found = read_findings(diagnosis)
-    # without limits of the user's those of the robot file hold
+    # limits that any arm keeps, unless the user gives others
     asked = request or AdviceRequest(LimitPlan())
     return AdviceResult(found[0], found[1], design_recording(*found, asked, progress))

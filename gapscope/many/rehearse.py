@@ -229,7 +229,7 @@ def _planned(
         places = [0] if law.place == "arm" else every
         # on top of one that is there the size put in is not the size named
         free = [place for place in places if (law.name, place) not in taken]
-        # no joint turns, and the law is about angles
+        # where nothing turns such a law means nothing of its own
         if not law.slides and all(arm.sliding):
             continue
         if not joints and len(free) > 1:

@@ -75,6 +75,7 @@ def replay_gap(
         recording: the recording, or a part of one.
         effects: the effects found, by their names in findings, with values from elsewhere.
     """
+    # joints on springs or with play take small steps
     compliant = any(not e.effect.locally_linear for e in effects.values())
     recording, by = _shortened(case, recording)
     nothing, everything = (), tuple(effects)
@@ -86,6 +87,7 @@ def replay_gap(
 
     warnings = []
     for arm, names in (("nominal", nothing), ("corrected", everything)):
+        # only the two arms of the report are worth a warning
         why = attempted(names).why
         if why:
             warnings.append(f"{recording.name}: no replay of the {arm} arm: {why}")

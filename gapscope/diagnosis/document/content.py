@@ -130,6 +130,7 @@ class Document:
 
     def open_joints(self) -> list[int]:
         """Joints, from 1, with something unknown."""
+        # zero where nothing is unknown
         return [int(j) + 1 for j in np.flatnonzero(self.unknown2())]
 
     def knows_most(self) -> bool:
@@ -220,6 +221,7 @@ class Document:
     def reached(self) -> Verdict:
         """The verdict."""
         comparison, prepared = self._comparison, self._prepared
+        # a fault or a change is a cause as well as an effect
         found = comparison.named or prepared.faults or prepared.changes
         return self._verdict(found=bool(found or prepared.states.others))
 
@@ -248,6 +250,7 @@ class Document:
         in_model = name in comparison.named
         only = known.before - own
         without = known.after + own if in_model else known.after
+        # what is only possible is judged as if it were there as well
         left = known.after if in_model else known.after - own
         probability = comparison.probabilities[name]
         alternatives = comparison.alternatives(name)
@@ -259,6 +262,7 @@ class Document:
         )
         # an effect without joints is shown where it closes most
         joints = list(applied.joints) or _most_closed(closed)
+        # one region for each joint: where this finding acts most
         places = regions(closed, self._rows, self.load(), joints, most=1)
         entry = {
             "effect": applied.name,
@@ -333,12 +337,14 @@ class Document:
     def _widest_first(self) -> list[int]:
         """Joints, from 1, whose gap is above the floor by what is worth a search."""
         nrmse, floor = self.stages.repaired, self.stages.floor
+        # squares of independent parts add up
         above = nrmse**2 > floor**2 + UNKNOWN_TORQUE**2
         return [int(j) + 1 for j in np.argsort(-nrmse) if above[j]]
 
     def _context(self, reached: str) -> dict[str, Any]:
         """The arm, the recordings, how they were conditioned, and what was noticed."""
         comparison, prepared = self._comparison, self._prepared
+        # the warning is how a case says that its torque was worked out
         case, inferred = prepared.case, WARNING in prepared.case.warnings
         # notes of recordings that judge concern the reader as well
         every = (*case.recordings, *case.judged)
@@ -381,6 +387,7 @@ class Document:
 def motion_rows(comparison: Comparison) -> MotionRows:
     """The rows on which the gap is measured, as what locates a gap takes them."""
     rows, mine = comparison.judged_on, comparison.explained.rows
+    # rows hold no accelerations of their own
     ddq = np.concatenate([rows.thin(s.motion.ddq, s) for s in rows.segments])
     # a part of all segments may be looked at: these are counted from 0 again
     numbers_of, segment = np.unique(rows.segment[mine], return_inverse=True)

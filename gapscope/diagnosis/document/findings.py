@@ -73,6 +73,7 @@ LISTED_ALTERNATIVE = 1e-3
 
 def settled_by(finding: dict[str, Any]) -> str:
     """The recording that separates a possible effect from its likeliest alternative."""
+    # two names of one body: no recording tells them apart
     others = [o for o in finding["alternatives"] if not o.get("equivalent")]
     if others:
         return str(others[0]["separated_by"])
@@ -93,6 +94,7 @@ def at_middle_entry(applied: AppliedEffect, q: np.ndarray) -> dict[str, Any]:
     effect = CATALOGUE.get(applied.name)
     if effect is None or "rest" not in effect.quantities.values():
         return {}
+    # where a spring rests beyond what was recorded is hardly known
     range_of_joints = q[:, [joint - 1 for joint in applied.joints]]
     low, high = range_of_joints.min(axis=0), range_of_joints.max(axis=0)
     # in the order of the catalogue
@@ -273,6 +275,7 @@ def _with_its_equivalent(effect: dict[str, Any], n_joints: int) -> dict[str, Any
     # gravity along the base's axis that was upright, over the whole [1]
     if turn.rotation(*angles)[2, 2] > HANGING:
         return effect
+    # turned torques are those of all joints
     joints = list(range(1, n_joints + 1))
     other = _other_sign("sign_flip", joints, TURNED_TORQUES)
     return {**effect, "alternatives": [*effect["alternatives"], other]}
@@ -309,6 +312,7 @@ def with_states(
     if found is None or not others:
         return list(findings)
     differing = {term.effect for state in others for term in state.increments}
+    # the first state is the one that was diagnosed
     here = [found.recordings[k].name for k in found.states[0]]
     # what all recordings share is said without naming any
     out = [
@@ -370,6 +374,7 @@ def _parameters(
 def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Finding:
     """Probability and gaps of an effect that the first state has not, in a recording that has it."""
     assert found.found is not None
+    # recordings of one state have the same of their own: the first stands for all
     fit, name = found.found.fit, state.place.recordings[0]
     number = next(k for k, r in enumerate(found.recordings) if r.name == name)
     rows = fit.contrast.design.rows
@@ -432,6 +437,7 @@ def suggested_recording(
         return None
     if first:
         return f"{NOT_YET}first {first}, and diagnose again"
+    # a motor that the case lacks explains friction of two joints: that comes first
     if coupling is not None:
         return (
             f"{NOT_YET}first look whether one motor turns joints {coupling.joint} and {coupling.motor}, declare it in "

@@ -39,6 +39,7 @@ def with_slide_units(content: dict[str, Any], sliding: Sequence[bool]) -> Any:
     An entry with ``joint`` or ``joints`` is about those, and so is what it holds. A parameter of joints of both kinds
     has both units in ``unit``, and one for each value in ``units``.
     """
+    # nearly all arms: nothing to convert
     if not any(sliding):
         return content
     return _converted(content, sliding, ())
@@ -118,6 +119,7 @@ def misread(
             f"{much(off)} of the recorded one, and no ordinary load, friction or error of its links explains that",
             "check robot:, joints: and the units and columns of import:",
         )
+    # the same object unless the base is mounted turned
     if shown is not said:
         # adding 0.0 makes -0.0 a plain zero
         found, given = ([round(float(x), 2) + 0.0 for x in g] for g in (shown, said))
@@ -337,6 +339,7 @@ def pulled_texts(effect: Mapping[str, Any]) -> list[str]:
     """Values by the commands as instruments that differ from those found by two deviations and a twentieth."""
     out = []
     for name, parameter in effect["parameters"].items():
+        # without a deviation no difference is significant
         if "by_commands" not in parameter or parameter["std"] is None:
             continue
         values = np.atleast_1d(parameter["value"]).tolist()
@@ -402,6 +405,7 @@ def states_sentence(document: Document) -> str:
 
 def _differing(entry: Mapping[str, Any], recordings: Sequence[str]) -> str:
     """A quantity that differs, with its value in each recording."""
+    # a load has mass and place, not one value
     if any("first_moment" in each for each in entry["parameters"]):
         return _other_loads(entry, recordings)
     _, unit = display_unit(entry["unit"], 1.0)
@@ -552,6 +556,7 @@ def with_amount(entry: Mapping[str, Any]) -> str:
 def _amount(entry: Mapping[str, Any]) -> str:
     """The first parameter of an effect that the torque shows; nothing for several joints, axes or angles."""
     definition = known_effect(entry["effect"])
+    # a fault of the set-up, or what shows in no torque
     if definition is None or definition.parametrisation is None:
         return ""
     known = [values for name, values in entry["parameters"].items() if name != "link"]
@@ -633,6 +638,7 @@ def presliding_sentence(document: Document) -> str | None:
     if not bent:
         return None
     slides, parts = joint_slides(document), []
+    # a thousandth of each: joints of both kinds count apart
     for sliding, unit in ((False, "mrad"), (True, "mm")):
         own = [joint for joint in bent if slides[joint - 1] == sliding]
         if own:
