@@ -171,6 +171,7 @@ def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
     for place, line in enumerate(lines):
         row, column = divmod(place, COLUMNS)
         where = {"row": row + 1, "col": column + 1}
+        # only a parameter that agrees has a value to trust
         value = line["trusted"]
         if value is not None:
             low, high = (value["value"] + k * value["std"] for k in (-2.0, 2.0))
@@ -190,6 +191,7 @@ def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
         )
     figure.update_annotations(font_size=12)
     numbers = list(range(1, len(recordings) + 1))
+    # recordings by number: their names are too long for an axis
     figure.update_xaxes(tickvals=numbers, range=[0.5, len(recordings) + 0.5])
     return figure
 

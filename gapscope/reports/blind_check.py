@@ -29,7 +29,7 @@ def truth_lines(labels: Path) -> Iterator[str]:
             or "healthy"
         )
         c = label["conditions"]
-        # healthy arms have no effect to measure
+        # without an effect there is no gap of its own
         ratio = "-" if label["ratio"] is None else f"{label['ratio']:.2f}"
         yield (
             f"{name} {label['kind']:8s} {c['robot']:12s} {c['rate']:4d} Hz {effects:60s} ratio {ratio:>6s} "

@@ -137,7 +137,7 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
                 f"gapscope export {made(CORRECTED)} --case {case} --format mjcf --out arm.xml",
             )
         )
-    # something to correct first is no recording
+    # it may be something to correct first: then no motion is designed
     following = document["next_recording"] or ""
     if following.startswith(NOT_YET):
         found.append(Action(capital(following.removeprefix(NOT_YET))))
@@ -287,7 +287,6 @@ def guess_curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def _words(entry: Mapping[str, Any]) -> str:
     """How much of it which variable predicts, and whether the residual may be noise."""
     name = entry["curve"]["variable"]
-    # the test of whiteness is of what is left after the prediction
     noise = "may be noise" if entry["whiteness_p"] > WHITE else "is no noise"
     if entry["share"] == 0.0:
         return f"What is left {noise}, but nothing known of the motion predicts it on unseen data."
@@ -918,7 +917,7 @@ def _effects(document: Mapping[str, Any]) -> Table:
     """One row per parameter of each effect."""
     rows: list[Sequence[str | Text]] = []
     for effect in document["effects"]:
-        # the column is narrow
+        # 'arm' for the whole arm: the column is narrow
         place = acts_on(effect).removeprefix("the whole ")
         joints = ", ".join(joint_ranges(effect["joints"]))
         if not joints or place.startswith("motor"):

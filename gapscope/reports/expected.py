@@ -31,7 +31,7 @@ def expected_rows(
             MISSING if entry[key] is None else significant(factor * entry[key], 2)
             for key in ("nine_of_ten", "half")
         )
-        # both are no size if the effect would never be named
+        # one text if both read the same, as two dashes do
         text = most if half == most else f"{most} ({half})"
         for joint in entry["joints"] or [1]:
             texts[joint - 1] = text

@@ -192,7 +192,7 @@ def tables_of(found: Inspection, checked: Sequence[Remark]) -> list[PageSection]
 def facts_of(found: Inspection) -> str:
     """Formats, recordings, rates and durations in a sentence."""
     formats = ", ".join(sorted({log.format for log in found.logs}))
-    # all tables of a recording have one time
+    # the time of the first table stands for the recording
     times = [next(iter(entry.values())).time for entry in found.entries]
     rates = sorted({f"{time.rate:.4g}" for time in times}, key=float)
     durations = [float(time.seconds[-1]) for time in times]
