@@ -65,7 +65,6 @@ class ExcitationResult(Result):
         ``NAME_slow.csv`` and ``.yaml`` are the same path at a fifth of the speed, to be run first. All are checked as
         written.
         """
-        # before any work: the ending says what can be read back
         check_csv(file)
         make_folder(file.resolve().parent)
         return tuple(write_trajectory(self.excitation, self.arm, self.plan, file))
@@ -159,7 +158,6 @@ class AdviceResult(Result):
 
     def shown(self) -> RenderableType:
         """What is open, and the recording that settles it."""
-        # margins and sizes are those of a motion, if there is one
         texts, motion = lines(self.advice, self.document), self.trajectory
         if motion is None:
             return "\n".join(texts)

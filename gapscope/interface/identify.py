@@ -83,7 +83,7 @@ def identify(
     chosen = settings or IdentificationSettings()
     read = _loaded(case)
     progress("tests the set-up")
-    # identification itself corrects no set-up, as a diagnosis does
+    # a diagnosis puts faults of the set-up right, an identification only names them
     read = _as_recorded(read, any_torque=chosen.any_torque)
     return IdentificationResult(identify_case(read, chosen, progress))
 
@@ -112,10 +112,9 @@ def _as_recorded(case: Case, *, any_torque: bool) -> Case:
 
 
 def _loaded(case: Case | str | Path) -> Case:
-    # as it was made: units of arrays are those of the program that made them
     if isinstance(case, Case):
         return case
-    # a log is what people give first
+    # a log alone says nothing of robot and joints
     if Path(case).suffix.lower() in READERS:
         raise InputError(
             "is a recording, not a case",

@@ -61,7 +61,7 @@ def make_arm(robot: str | Path | NominalArm | Case, **sheet: Any) -> NominalArm:
         >>> gapscope.make_arm("kuka_iiwa", coulomb=[1.0] * 7).n_joints
         7
     """
-    # what is read already is taken as it is, without its data sheet read again
+    # an arm that is read already keeps its data sheet
     if isinstance(robot, Case):
         return robot.arm
     if isinstance(robot, NominalArm):
@@ -70,6 +70,7 @@ def make_arm(robot: str | Path | NominalArm | Case, **sheet: Any) -> NominalArm:
     # all other endings are models of robots, or none and a known name
     if path.suffix in (".yaml", ".yml") or is_folder(path):
         return load_case(path, read_recordings=False).arm
+    # a data sheet of the call counts only here: arms and cases have their own
     return load_nominal_arm(robot, sheet=sheet)
 
 
@@ -128,7 +129,7 @@ def case_file(case: Case, folder: Path) -> Path:
     Raises:
         GapscopeError: the folder cannot be written to.
     """
-    # commands and hashes work on files: a case in memory becomes some
+    # a case in memory has no file: it gets one
     return case.file or write_case(case, folder / "case", overwrite=True)
 
 

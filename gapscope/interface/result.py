@@ -64,7 +64,7 @@ class Result(ABC):
     def summary(self) -> str:
         """The result as text of at most 80 columns."""
         shown = self.shown()
-        # a text has its own lines
+        # a text is shown as it is, only tables have to be laid out
         if isinstance(shown, str):
             return shown
         text = io.StringIO()

@@ -63,7 +63,7 @@ class History:
     def changes(self, level: float) -> Iterator[dict[str, Any]]:
         """Its changes as ``fleet.json`` has them; parts before and after one are tested again at a level."""
         if self.stds is None:
-            # a single change is looked for: found or not is too little for more
+            # of found and not found a single change is looked for
             position, p = appearance(self.values.astype(bool).tolist())
             before, after = (
                 float(part.mean()) for part in np.split(self.values, [position])
@@ -215,7 +215,7 @@ def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
             | {"extremes": list(_extremes(parameter))}
             for parameter in row["parameters"]
         ]
-        # hundreds of units: their median stands for them
+        # one share for all units: their median
         shares = list(row.pop("shares").values())
         row |= {"units": len(shares), "share": float(np.median(shares))}
         made.append({**row, "parameters": parameters})

@@ -121,7 +121,6 @@ def render_table(rows: Sequence[Row], folder: str, number: int = 1) -> str:
         folder: name of the archive.
         number: of the page, from 1.
     """
-    # pages count from 1
     start = (number - 1) * ROWS
     units = {row.unit for row in rows if row.unit}
     return render_html(
@@ -230,7 +229,6 @@ def render_history(rows: Sequence[Row], unit: str) -> str:
 def _facts(rows: Sequence[Row], effects: Sequence[EffectHistory]) -> str:
     dates = sorted(row.date_text for row in rows)
     count = f"{len(rows)} diagnos{'is' if len(rows) == 1 else 'es'}"
-    # one date is no span
     span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
     if not effects:
         return f"{count}, {span}. No effect was named in any of them."

@@ -175,7 +175,7 @@ def rehearse(
     with TemporaryDirectory(prefix="gapscope-") as aside:
         folder = Path(out or aside)
         with locked(folder):
-            # first alone: if it fails, so do all others
+            # first alone: without it nobody knows what is newly named
             baseline = _diagnosed({AS_IS: stripped}, folder, 1, progress)[AS_IS]
             if "problem" in baseline:
                 raise GapscopeError(
