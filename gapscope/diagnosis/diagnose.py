@@ -309,6 +309,7 @@ class SheetComparison(Comparison):
     @cached_property
     def segments(self) -> list[Segment]:
         """What gaps are measured on, at the rate of the recordings."""
+        # gaps are measured on what is set aside, if there is any
         fitted = (r for r in self.case.recordings if r.tau is not None)
         used = self.set_aside or fitted
         return [segment for recording in used for segment in condition(recording)]
@@ -319,6 +320,7 @@ class SheetComparison(Comparison):
 
         Errors larger than two deviations beyond a good data sheet's explain what those of that size would.
         """
+        # bodies that are off by more would explain away what is unknown
         known, largest = self.explained, WORSE**2 * INERTIAL_ERROR
         share = largest / max(self.sheet_error, largest)
         gap = self.gap(known.after - share * known.errors)
@@ -327,6 +329,7 @@ class SheetComparison(Comparison):
     @cached_property
     def floor(self) -> np.ndarray:
         """RMS of what is left that has no unknown cause: noise, and errors of a healthy arm [N m], (n,)."""
+        # what is left less its unknown part, by squares
         left2 = (self.explained.after**2).mean(axis=0)
         known2 = left2 * (1.0 - self.unknown.share)
         return np.sqrt(np.maximum(known2, MIN_FLOOR**2))
@@ -386,6 +389,7 @@ class SheetComparison(Comparison):
         if self.case.controller is None or self.turn:
             return {}
         fitted = [r for r in self.case.recordings if r.tau is not None]
+        # beside the values found, not in their place
         values = instrumented(self.searching, self.fitted, fitted)
         return {
             name: self.with_values(name, values)
@@ -439,6 +443,7 @@ class _Document(Document):
         return self._sheet.floor
 
     def where(self, stage: str, joints: list[int]) -> list[dict[str, Any]]:
+        # at the rate of the recordings, not on the thinned rows of the search
         gaps, rows = self._sheet.gaps, stack(self._sheet.segments)
         load, floor = gaps["before"].predicted, self._sheet.floor
         places = regions_of(gaps[stage].error, rows, load, floor, joints)

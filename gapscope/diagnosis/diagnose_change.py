@@ -131,6 +131,7 @@ def possible_arm(
         name = effect.fitted.data_sheet
         if name is not None:
             own = terms.block(effect.name)[0]
+            # a possible arm has no negative rotor or friction
             drives[name] = np.maximum(theta[own], 0.0)
             theta[own] = 0.0
     arm = replace(sheet, **drives, friction_source="the reference, identified")
@@ -624,6 +625,7 @@ class ReferenceComparison(Comparison):
 
     def effects(self, names: Sequence[str] = ()) -> tuple[AppliedEffect, ...]:
         """Effects of the arm of the reference beside its data sheet, with some findings on top."""
+        # on top of what the identified arm has beside its own data sheet
         theta = self._theta(self.of(names), self.possible_arm.theta)
         return self.terms.effects(self.terms.clipped(theta))
 
@@ -729,6 +731,7 @@ def diagnosis_of(comparison: ReferenceComparison) -> Diagnosis:
     named = sorted(
         map(comparison.change, comparison.named), key=lambda e: order.index(e.name)
     )
+    # effects of the reference's arm are no changes: not drawn
     shown = {effect.name for effect in named}
     return Diagnosis(
         document=content,

@@ -759,7 +759,6 @@ def regions(
     """
     found: list[Region] = []
     for joint in joints:
-        # share of squares, over which regions are compared
         gap = error[:, joint - 1]
         if not gap.any():
             continue

@@ -361,7 +361,6 @@ def advise(
     Raises:
         InputError: the limits allow no trajectory, or none was found within the budget.
     """
-    # what is open comes first: the gap may be that of a wrong name
     questions = open_questions(document)
     unexplained = document["verdict"] == "unexplained"
     with threadpool_limits(1):
@@ -522,7 +521,7 @@ def _questions(advice: Advice) -> Iterable[str]:
 
 def _kept(advice: Advice, pair: ExpectedEvidence, times: int = 1) -> float:
     """Probability that the wrong one of two hypotheses should keep beside the other, after some recordings [1]."""
-    # log odds against what was found, which comes first with even odds to itself
+    # log odds against what was found; its own, the first, are zero
     odds = [
         0.0,
         *(np.log(q.probability / (1.0 - q.probability)) for q in advice.questions),

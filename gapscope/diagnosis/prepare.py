@@ -191,7 +191,7 @@ def _repaired(
     case = repaired(case, setup_faults)
     # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
     every = (*references, *setup_faults, *find_quantization(select_windows(case)))
-    # uneven in one way on the reference, stamps are no news in any way
+    # wrong on the reference, stamps are no news, in whatever way they are wrong
     stamped = any(name == TimeStamps.name for name, _ in inherent)
     faults = tuple(
         f

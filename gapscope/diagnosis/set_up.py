@@ -137,6 +137,7 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
     # as a diagnosis begins, so that all commands say the same
     found, another = as_nominal_arm(case, find_setup_faults(case))
     right = repaired(case, found)
+    # the gap with the gravity that the case says, then the gravity that shows
     gap, mounted = nominal_gap(right), upright(right)
     return SetUp(
         # references were put right before the rest could be looked for
@@ -164,6 +165,7 @@ def fault_remark(fault: FoundFault, n_joints: int) -> Remark:
                 f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put "
                 "right"
             )
+    # a line to be copied by hand: five digits are enough
     mend = _rounded(_mend(fault, n_joints))
     line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
     remedy = (

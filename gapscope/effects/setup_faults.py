@@ -522,7 +522,6 @@ class TorqueUnit(Fault):
             own = np.where(known, look.factor, usual)
             return [cls.of(every, factor, look.n) for factor in (own, alike)]
         far = np.flatnonzero(known & _is_gross(look.factor))
-        # each alone, then all at once: one wrong driver, or one wrong setting
         groups = [far[k : k + 1] for k in range(len(far))]
         if len(far) > 1:
             groups.append(far)
@@ -651,7 +650,7 @@ class TimeStamps(Fault):
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
         """Wrong rates; all else shows in the recordings themselves."""
-        # recorded velocities settle the rate better than any torque
+        # recorded velocities, or a rate put right, have settled it already
         starts = () if look.rate_is_known else RATE_STARTS
         return [cls("wrong_rate", amount) for amount in starts]
 

@@ -254,7 +254,7 @@ class Document:
         left = known.after if in_model else known.after - own
         probability = comparison.probabilities[name]
         alternatives = comparison.alternatives(name)
-        # by squares, so that what overlaps with others is not closed twice
+        # what it closes of the square in each row
         closed = np.sqrt(np.clip(without**2 - left**2, 0.0, None))
         closed_first, closed_last = (
             float((known.nrmse(more) - known.nrmse(less)).sum())

@@ -267,7 +267,6 @@ def with_torques_turned(
 
 
 def _with_its_equivalent(effect: dict[str, Any], n_joints: int) -> dict[str, Any]:
-    # faults of the set-up are among the findings, and are no effects
     turn = known_effect(effect["effect"])
     if not isinstance(turn, Turn):
         return effect

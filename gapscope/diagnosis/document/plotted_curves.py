@@ -92,7 +92,6 @@ def signatures(
     shown: Collection[str] | None = None,
 ) -> tuple[Signature, ...]:
     """For each effect, or those shown, on up to seven joints, the gap without it over the quantity that drives it."""
-    # once for all effects
     full = torque_gap(corrected, body, segments)
     rows = stack(segments)
     step = max(1, len(rows.t) // MAX_POINTS)
@@ -127,7 +126,6 @@ def _joints(applied: AppliedEffect, explained: np.ndarray, gap: TorqueGap) -> li
     # A compliant joint shows it most on itself, an encoder offset on the joint with most gravity.
     effect = applied.effect
     on_itself = effect.reach == "joint" or isinstance(effect, Transmission)
-    # seven joints fill a row of pictures
     if applied.joints and on_itself:
         return list(applied.joints[:7])
     rms = np.sqrt((explained**2).mean(axis=0))
@@ -155,7 +153,7 @@ def _axis(
             # friction that grows with the load has its size and the sign of the motion
             load = np.abs(gap.measured[:, j]) * np.sign(rows.dq[:, j])
             return "load torque in the direction of motion", "N m", load
-        # from rows to rows of one segment mostly: the usual step is their period
+        # time begins anew with each segment: the usual step is the period
         case "torque rate":
             period = np.median(np.diff(rows.t))
             rate = np.gradient(gap.predicted[:, j], period)

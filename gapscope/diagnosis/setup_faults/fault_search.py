@@ -238,7 +238,7 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
 
     n = case.arm.n_joints
     reading, found = Reading.identity(n), []
-    # no more faults than joints
+    # at most as many faults as joints
     for _ in range(n):
         candidates = _candidates(fine, reading, rate_is_known)
         # a pair of joints is one of many pairs: choosing it is paid for
