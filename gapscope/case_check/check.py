@@ -179,6 +179,7 @@ def _reference(recording: Recording) -> Iterator[Remark]:
     """A reference that the joint does not follow."""
     if recording.q_ref is None:
         return
+    # over the joint's own range: a short motion is held to a short error
     range_ = np.ptp(recording.q, axis=0)
     error = np.sqrt(np.mean((recording.q_ref - recording.q) ** 2, axis=0))
     off = (range_ > FOLLOWED) & (error > REFERENCE_ERROR * range_)
@@ -435,6 +436,7 @@ def check_case(path: Path, progress: Progress = silent) -> dict[str, Any]:
         The content of ``check.json``; what is not known is null.
     """
     progress("reads the case")
+    # what the reading of the model warns of is a remark here
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ModelWarning)
         case, remarks = _read(path)
@@ -498,6 +500,7 @@ def _could_show(
     case: Case, faults: tuple[FoundFault, ...], remarks: list[Remark]
 ) -> list[dict[str, Any]]:
     """Sizes at which effects would be named, what is misread put right, and a remark on what no size shows."""
+    # as a diagnosis would read it
     case = repaired(case, faults)
     try:
         with threadpool_limits(1):
@@ -529,6 +532,7 @@ def _other_arms(case: Case) -> Iterator[Remark]:
     if not logs or channel is None:
         return
     taken = channel.names(importing.joints or case.arm.joints)
+    # logs of one case have the same columns: the first one tells
     log = open_log(logs[0])
     for part in log.tables:
         said = inspect_table(log, part, None).of_another_arm(taken, case.arm.n_joints)
@@ -601,6 +605,7 @@ def _read(path: Path) -> tuple[Case | None, list[Remark]]:
         return load_case(path), [
             Remark("ok", "case", "", "case file, robot and recordings can be read")
         ]
+    # refused at first: then as a diagnosis reads it, to tell which it is
     except InputError as error:
         strict = error
     try:

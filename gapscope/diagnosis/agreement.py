@@ -111,10 +111,12 @@ def covariates(
         Covariate(SPEED, "rad/s", mean(rows.velocity)),
         Covariate(LOAD, "N m", mean(rows.torque)),
     ]
+    # only if every recording logs it: a hole has no place on a line
     logged = [r.temperature for r in recordings if r.temperature is not None]
     if len(logged) == len(recordings):
         warmth = np.array([series[:, places].mean() for series in logged])
         found.append(Covariate(TEMPERATURE, "deg C", warmth))
+    # stamps that begin at zero tell no time of day: only the order of the list is known
     starts = np.array([r.stamps[0] for r in recordings])
     if starts.min() > CLOCK:
         found.append(Covariate(START, "h", (starts - starts.min()) / 3600.0))
@@ -134,9 +136,11 @@ def explain(
     A weighted line over each covariate leaves Q_res of Cochran's Q; so does leaving one recording out. Two recordings
     lie on a line over anything: nothing is named then.
     """
+    # a quantity that hardly varies goes with a difference by chance alone
     differing = [one for one in candidates if one.differs(among)]
     differing.sort(key=lambda one: _relative_change(one, among), reverse=True)
     x, weight = value[among], std[among] ** -2.0
+    # Cochran's Q: what the weighted mean leaves
     total = _remainder(x, weight, np.ones((len(x), 1)))
     left = {}
     for one in differing:
@@ -146,12 +150,14 @@ def explain(
     changed = tuple(left)
     if len(among) <= 2:
         return Explanation((), None, shares, changed)
+    # each recording alone against the mean of all others: a step in place of a line
     apart = {}
     for place, number in enumerate(among.tolist()):
         step = np.column_stack([np.ones(len(x)), np.arange(len(x)) == place])
         apart[number] = _remainder(x, weight, step)
     odd = min(apart, key=lambda number: apart[number])
     least = min(min(left.values(), default=np.inf), apart[odd])
+    # neither a line nor one odd recording explains most of the scatter
     if 1.0 - least / total < COVARIATE_SHARE:
         return Explanation((), None, shares, changed)
     # a remainder as small as noise leaves is as good as none
@@ -294,6 +300,7 @@ class Agreement:
 
     def own(self, number: int) -> list[Candidate]:
         """What a recording has of its own, of what differs."""
+        # what is less likely than not makes no state of its own
         differing = {line.term for line in self.having(DIFFERS)}
         mine = [] if self.found is None else self.found.fit.mine
         return [one for one in mine if one.has(number) and one.term in differing]
@@ -306,6 +313,7 @@ class Agreement:
             same.setdefault(frozenset(self.own(number)), []).append(number)
         fitted = {recording.name for recording in self.case.recordings}
 
+        # values are fitted to none that is judged only: its time does not count
         def recorded(numbers: list[int]) -> float:
             every = (self.recordings[k] for k in numbers)
             return sum(r.duration for r in every if r.name in fitted)
@@ -355,6 +363,7 @@ def compared(
     with threadpool_limits(1):
         if found is None:
             progress("looks for what some recordings have of their own")
+            # each recording is a group of its own
             rows = Rows.recorded([[recording] for recording in recordings])
             found = between_recordings(rows, case.arm)
         progress("compares the values")
@@ -376,6 +385,7 @@ def _lines(
     recordings: Sequence[Recording], found: Difference
 ) -> tuple[ParameterAgreement, ...]:
     """Verdicts on all that may change on an arm that stays as it was built, joint by joint, what differs first."""
+    # one arm was built once; searched parameters have no single value to compare
     terms = [
         term
         for term in found.fit.contrast.design.places
@@ -391,6 +401,7 @@ def _line(
     recordings: Sequence[Recording], found: Difference, term: Term
 ) -> ParameterAgreement:
     """Verdict on one parameter, all others as the search has them."""
+    # summed over all sets of terms that were weighed, whatever else they hold
     probability = found.probabilities_of(lambda c: c.term).get(term, 0.0)
     differs = probability >= NAMED_PROBABILITY
     rows = found.fit.contrast.design.rows
@@ -406,6 +417,7 @@ def _line(
         covariates=covariates(recordings, rows, term.joint or None),
     )
     among = line.among
+    # one value has nothing to agree with
     if len(among) < 2:
         return line
     # the mean by weights 1 / std^2, its deviation widened by the Birge ratio if that exceeds 1
@@ -426,6 +438,7 @@ def _line(
 
 def _alternatives(found: Difference, term: Term) -> list[Term]:
     """What the likely sets without a term have in its place."""
+    # log of the sum over all sets: exp(value - total) is a set's probability
     total = float(np.logaddexp.reduce(list(found.sets.values())))
     best = {one.term for one in found.fit.mine}
     likely = [
@@ -434,6 +447,7 @@ def _alternatives(found: Difference, term: Term) -> list[Term]:
         if np.exp(value - total) >= OPEN_ALTERNATIVE
     ]
     others = {one.term for some in likely for one in some} - best
+    # only what takes its place: the set has to lack the term on every recording
     without = [some for some in likely if all(one.term != term for one in some)]
     return [t for t in others if any(one.term == t for some in without for one in some)]
 
@@ -450,23 +464,28 @@ def _values(
     design, groups = fit.contrast.design, range(fit.contrast.groups)
     absolute = term.parametrisation.data_sheet is not None
     contrast = fit.contrast
+    # by group: what the search has of this term
     mine = {g: c for c in fit.mine if c.term == term for g in c.groups or ()}
     # one that has none of its own is what all share
     base = None
     if absolute:
+        # without the value that all share, each recording tells its whole value
         contrast = contrast.unshared(design.places[term])
     else:
         base = next((g for g in groups if g not in mine), 0)
     own = np.array([group for group in groups if group != base])
+    # a candidate in every group: one without a value of its own is asked as well
     each = [Candidate(term, (group,)) for group in own.tolist()]
     others = [other for other in fit.mine if other.term != term]
     known = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
+    # sizes as the search has them, and the widest where it has none
     sizes = [known[other] for other in others]
     sizes += [known[mine[g]] if g in mine else SIZES[-1] for g in own.tolist()]
     answer = fit.own.within(contrast).answer([*others, *each], sizes)
     linear, count = len(design.places[term]), len(groups)
     values, covariance = np.zeros((count, linear)), np.zeros((count, count))
     values[own] = [answer.values[c] for c in each]
+    # own values come last; of each, the first coordinate is the one that is shown
     first = len(answer.covariance) - linear * len(each)
     covariance[np.ix_(own, own)] = answer.covariance[first::linear, first::linear]
     # beside those that have none of their own
@@ -495,6 +514,7 @@ def _parameters(term: Term, value: np.ndarray) -> dict[str, np.ndarray]:
     given = term.parametrisation.values(value[:, None], np.zeros((0, 1)))
     out = {name: np.squeeze(np.asarray(x), axis=-1) for name, x in given.items()}
     if term.is_load:
+        # coordinates of a load: its mass, then mass times centre
         out["first_moment"] = value[1:]
         if not is_within(term, value, 0.0):
             # of two loads of about one mass that differ in place there is no centre
@@ -531,6 +551,7 @@ def goes_with(line: ParameterAgreement, labels: Sequence[str]) -> str:
     found = line.explanation
     if found is None:
         return ""
+    # a line over anything goes through two points
     if len(line.among) <= 2:
         changed = [QUANTITY[name] for name in found.changed]
         return f"two recordings cannot say; they differ in {listing(changed) or 'nothing known'}"
@@ -540,6 +561,7 @@ def goes_with(line: ParameterAgreement, labels: Sequence[str]) -> str:
     if not names:
         return "nothing that is known of the recordings"
     if len(names) == 1:
+        # one odd recording has no share: no line was drawn
         shares = [found.shares[name] for name in found.goes_with]
         return f"{names[0]} ({percent(shares[0])})" if shares else names[0]
     return f"{' or '.join(names)}: not told apart"
@@ -551,6 +573,7 @@ def settles(line: ParameterAgreement, labels: Sequence[str]) -> str:
     if found is None:
         return ""
     among = line.among
+    # no motion settles what hangs on the flange
     if line.term.is_load:
         heaviest = labels[among[int(np.argmax(line.value[among]))]]
         return (
@@ -563,6 +586,7 @@ def settles(line: ParameterAgreement, labels: Sequence[str]) -> str:
         if others:
             again += f"; then vary the {others[0]} alone"
         return again
+    # of two recordings nothing is named: ask about what differs between them
     names = found.goes_with if len(among) > 2 else found.changed
     if not names:
         last = labels[among[-1]]
@@ -574,6 +598,7 @@ def settles(line: ParameterAgreement, labels: Sequence[str]) -> str:
     low, high = (labels[among[int(end)]] for end in ends)
     if name in (START, ORDER):
         return f"repeat {low} now: if the value of {low} comes back, it was not the time between"
+    # several go together: vary one, keep the others
     if others:
         return f"repeat {low} with the {QUANTITY[name]} of {high}, all else as it was"
     if name == SPEED:

@@ -59,6 +59,7 @@ def read_ranges(
     Raises:
         InputError: a diagnosis is missing or not that of its ``corrected.yaml``, or of another arm.
     """
+    # the unit itself is one of those that the ranges have to hold
     intervals = [_intervals(corrected, found.effects)]
     for folder in units:
         file = folder / "corrected.yaml"
@@ -75,6 +76,7 @@ def _intervals(
     findings = read_document(path)["effects"]
     intervals = []
     for applied in effects:
+        # values tie the file to its diagnosis: another run may name the same effect
         same = (f for f in findings if _is_of(f, applied))
         finding = next(same, None)
         if finding is None:
@@ -158,6 +160,7 @@ def pooled(
     x = np.asarray(values, dtype=float)
     size = np.abs(x).mean()
     s = np.array([0.0 if std is None else std for std in stds])
+    # form and rounding keep each deviation above zero, and so all weights finite
     s = np.sqrt(
         s**2 + (form * size) ** 2 + (ROUNDING * size) ** 2 + np.finfo(float).tiny
     )
@@ -165,11 +168,14 @@ def pooled(
         s.min()
     )  # weights relative to the largest: no overflow if deviations are tiny
     w = (unit / s) ** 2
+    # relative to the first value: no loss of digits
     mean = x[0] + (w * (x - x[0])).sum() / w.sum()
     q = float((w * ((x - mean) / unit) ** 2).sum())
     freedom = len(x) - 1
+    # tau^2 = (Q - (k - 1)) / (sum w - sum w^2 / sum w), back in the squared unit
     spread = w.sum() - (w**2).sum() / w.sum()
     tau2 = max(0.0, q - freedom) / spread * unit**2 if freedom and spread > 0 else 0.0
+    # weights once more, with what the units themselves differ by
     w = unit**2 / (s**2 + tau2)
     return Pooled(
         estimate=float(x[0] + (w * (x - x[0])).sum() / w.sum()),
@@ -205,6 +211,7 @@ def groups(
     """Diagnoses by robot and joints: only arms of one type are compared."""
     found: dict[tuple[str, tuple[str, ...]], dict[str, Document]] = {}
     for unit, document in documents.items():
+        # a diagnosis that does not say of which arm it is compares with none
         if "arm" in document:
             arm = document["arm"]
             found.setdefault((arm["robot"], tuple(arm["joints"])), {})[unit] = document
@@ -260,6 +267,7 @@ def shared_effects(
     found: dict[Place, dict[str, dict[tuple[str, str], Number]]] = {}
     shares: dict[Place, dict[str, float]] = {}
     for unit, number, share in numbers:
+        # effect, joint and link come first in a number
         place = number[:3]
         own = found.setdefault(place, {}).setdefault(unit, {})
         own[number.parameter, number.component] = number
@@ -293,6 +301,7 @@ def _shared(
                 "together": together and asdict(together),
             }
         )
+    # one rate of false alarms over all numbers of the effect
     level = FLEET_LEVEL / max(len(parameters), 1)
     pools = [parameter["together"] for parameter in parameters]
     agree = all(pool is None or pool["p"] >= level for pool in pools)
@@ -319,6 +328,7 @@ def _instead(
     found: dict[str, str] = {}
     for unit, document in documents.items():
         for entry in document["effects"] if unit not in having else ():
+            # an effect on the arm or on a link lists no joints
             here = joint in entry["joints"] if joint else not entry["joints"]
             if here and any(o["effect"] == effect for o in entry["alternatives"]):
                 found.setdefault(unit, str(entry["effect"]))
@@ -369,6 +379,7 @@ def other_laws(documents: Mapping[str, Document]) -> dict[str, tuple[str, ...]]:
             counts = Counter(laws[joint] for laws in own.values())
             (most, number), *others = counts.most_common()
             common |= most
+            # a tie tells no law of the type
             if others and number > others[0][1]:
                 for unit, laws in own.items():
                     apart[unit] |= laws[joint] - most
@@ -397,6 +408,7 @@ def explains_as_much(asked: Document, before: Document) -> bool:
         np.array(document["gap"]["after"]["torque_nrmse"], dtype=float)
         for document in (asked, before)
     )
+    # more by less than can be seen is as much
     return bool((left <= least + VISIBLE_EFFECT).all())
 
 
@@ -475,6 +487,7 @@ def confusion_column(unit: FleetUnit, units: Sequence[FleetUnit]) -> ConfusionCo
     nrmse: dict[str, np.ndarray | None] = {}
     try:
         case = load_case(unit.case)
+        # held-out ones too: their torque judges all arms alike
         every = tuple(r for r in (*case.recordings, *case.judged) if r.tau is not None)
         if not every:
             raise GapscopeError(
@@ -492,6 +505,7 @@ def confusion_column(unit: FleetUnit, units: Sequence[FleetUnit]) -> ConfusionCo
         for row, predicting in arms.items():
             found = torque_gap(predicting, RigidBody(predicting.arm), segments).nrmse
             nrmse[row] = found if np.isfinite(found).all() else None
+    # a case that cannot be read costs its own column alone
     except GapscopeError as error:
         return ConfusionColumn(unit.name, {}, str(error))
     return ConfusionColumn(unit.name, nrmse)
@@ -554,6 +568,7 @@ def grouped(
             if faults:
                 problems[name] = f"its set-up is at fault: {', '.join(faults)}"
         sound = tuple(unit for unit in own if unit.name not in problems)
+        # one unit alone cannot be taken for another
         sound = sound if len(sound) > 1 else ()
         group = FleetGroup(robot, joints, members, sound, problems, _differ(own))
         made.append(group)
@@ -589,6 +604,7 @@ def _differ(units: Sequence[FleetUnit]) -> tuple[str, ...]:
     except GapscopeError:  # the case was changed since; its column shows it
         return ()
     first, *others = arms
+    # by content: copies of one robot file lie in many folders
     urdf = first.urdf.read_bytes()
     differ = []
     if any(arm.urdf.read_bytes() != urdf for arm in others):
@@ -601,6 +617,7 @@ def _differ(units: Sequence[FleetUnit]) -> tuple[str, ...]:
 
 def _same(one: NominalArm, other: NominalArm, key: str) -> bool:
     a, b = getattr(one, key), getattr(other, key)
+    # stated in one case and left out of the other is not alike
     if a is None or b is None:
         return a is b
     return bool(np.allclose(a, b, rtol=SHEET_ROUNDING))
@@ -611,6 +628,7 @@ def _confusion(
 ) -> dict[str, Any]:
     """Means over the joints and values per joint, rows by columns; problems of columns count as left out."""
     shown = [c for c in columns if not c.problem]
+    # a unit whose own recordings fail still has a row: its arm predicts the others
     rows = [NOMINAL, *(c.unit for c in columns)] if shown else []
     per_joint = [[c.torque_nrmse.get(row) for c in shown] for row in rows]
     return {

@@ -134,6 +134,7 @@ class Comparison:
 
     def of(self, names: Collection[str]) -> list[Candidate]:
         """The candidates of some findings, and those that everybody has."""
+        # what everybody has is no finding, and is never left out
         return [
             one for one in self.fit.chosen if one.everybody or one.term.finding in names
         ]
@@ -151,6 +152,7 @@ class Comparison:
     def values_of(self, names: Collection[str]) -> Mapping[Candidate, np.ndarray]:
         """Values of some findings, fitted without the others, and of what everybody has."""
         fit, some = self.fitted, self.of(names)
+        # at the sizes that were likeliest for all: no search again for a part
         sizes = dict(zip(fit.chosen, fit.answer.sizes, strict=True))
         return fit.own.answer(some, [sizes[one] for one in some]).values
 
@@ -167,6 +169,7 @@ class Comparison:
 
     def change(self, name: str) -> AppliedEffect:
         """A finding as an effect on top of what the arm was."""
+        # values of what is named replace those fitted beside what is only possible
         return self.with_values(name, {**self.fitted.answer.values, **self.values})
 
     def with_values(
@@ -182,6 +185,7 @@ class Comparison:
                 stated = self.difference.arm.theta[place]
                 theta[place] = max(theta[place], -stated)
         terms = [one.term for one in mine]
+        # a finding is one effect on all its joints
         (applied,) = self.terms.effects(self.terms.clipped(theta), terms)
         return applied
 
@@ -207,8 +211,10 @@ class Comparison:
             for one, value in self.fit.answer.values.items()
             if one.term.finding != name
         }
+        # the gap with the finding taken out and nothing put in its place
         left = self.fit.contrast.gap - self.fit.own.torque(values)
         gains = self.fit.contrast.for_gap(left).growth_gains(self.group, GROWTHS)
+        # the least growth that is worth as much; a joint that loses by it does not grow
         for growth in GROWTHS:
             by_joint: dict[int, float] = {}
             for (j, _, tried), gain in gains.items():
@@ -223,12 +229,14 @@ class Comparison:
         """Other causes in the place of a finding, the likeliest first."""
         mine = frozenset(one.term for one in self.findings[name])
         evidence = self._in_its_place(mine)
+        # even odds at most: the search would have taken a likelier set
         odds = {other: float(np.exp(min(e, 0.0))) for other, e in evidence.items()}
         joints = tuple(sorted({term.joint for term in mine} - {0}))
         last = self.difference.arm.body.last_link + 1
         is_last = any(t.is_load or t.changes_link(last) for t in mine)
         # together they are no likelier than that it is not the finding
         total = sum(odds.values())
+        # 1 / (1 + exp(log odds)) is the probability of all sets without it
         least = float(np.exp(-np.logaddexp(0.0, self.log_odds(name))))
         share = min(1.0 / (1.0 + total), least / total) if total else 0.0
         found = []
@@ -255,6 +263,7 @@ class Comparison:
         A search exchanges the terms of a finding one by one: what its joints lose by that adds up.
         """
         sets: dict[frozenset[Term], float] = {}
+        # by terms alone, whichever groups have them
         for candidates, total in self.difference.sets.items():
             sets[frozenset(one.term for one in candidates)] = total
         found = frozenset(one.term for one in self.fit.mine)
@@ -264,17 +273,20 @@ class Comparison:
         for some, value in sets.items():
             lost, put = found - some, some - found
             names = {t.effect for t in put} or {NONE}
+            # part of this finding is gone, with one other effect at most in its place
             if not lost or not lost <= mine or len(names) > 1:
                 continue
             (name,) = names
             if not all(self._stands_for(t, lost, named) for t in put):
                 continue
+            # all joints exchanged at once; else one of them, for the sum below
             if lost == mine:
                 out[name] = max(value - here, out.get(name, -np.inf))
             elif len(lost) == 1:
                 (term,) = lost
                 by_term = one_by_one.setdefault(name, {})
                 by_term[term] = max(value - here, by_term.get(term, -np.inf))
+        # a joint that this name does not suit loses what it does with nothing there
         without = one_by_one[NONE]
         for name, by_term in one_by_one.items():
             each = [by_term.get(t, without.get(t, -np.inf)) for t in mine]
@@ -285,6 +297,7 @@ class Comparison:
     def _form_of_law(self, applied: AppliedEffect) -> np.ndarray:
         """Factor of the values of each draw, (D,): laws whose form in nature differs are off by half of that."""
         spread = EFFECT_FORM / 2 if applied.effect.simplified else 0.0
+        # a seed of its own: the same deviations each time, and not those of the draws
         return np.random.default_rng(1).normal(1.0, spread, len(self.draws))
 
     def _stands_for(
@@ -311,7 +324,9 @@ class Comparison:
         """
         levels = list(self.fit.levels.values()) or [self.fit]
         mine = set(self.fit.mine)
+        # what is found at another size of error has values that do not compare
         levels = [level for level in levels if set(level.mine) == mine]
+        # a size counts by its posterior probability
         weight = np.exp([level.total - self.fit.total for level in levels])
         rng = np.random.default_rng(0)
         counts = rng.multinomial(DRAWS, weight / weight.sum())
@@ -341,12 +356,15 @@ class Comparison:
         for parameter in map(applied.effect.parameter, applied.given):
             value = applied.parameters[parameter.name]
             if parameter.name in fitted.nonlinear:
+                # no coordinate: its deviation comes from the search for it
                 place = fitted.nonlinear.index(parameter.name)
                 std = np.array([f.deviations[place] for f in found if f])
             elif parameter.name == "link":
+                # the number of a link is right or wrong, not off
                 std = np.zeros(1)
             else:
                 std = std_of_draws(parameter, value, samples)
+            # no delay is known better than what sampling adds to it
             if applied.effect.delays:
                 std = np.hypot(std, SAMPLING_SKEW)
             out[parameter.name] = {
@@ -364,6 +382,7 @@ def _drawn(
     if not answer.values:
         return []
     mean = np.concatenate(list(answer.values.values()))
+    # a root by eigenvalues: the matrix may be singular, and rounding below zero is none
     power, axes = np.linalg.eigh(answer.covariance)
     root = axes * np.sqrt(np.maximum(power, 0.0))
     draws = mean + rng.standard_normal((count, len(mean))) @ root.T
@@ -385,6 +404,7 @@ def std_of_draws(
     """
     drawn = np.array([sample[parameter.name] for sample in samples])
     low, high = parameter.bounds
+    # the value itself is clipped to the bounds, too
     inside = np.clip(drawn.reshape(len(drawn), *value.shape), low, high)
     off = np.abs(inside - value)
     if parameter.unit == "rad" and high - low >= 2 * np.pi:
@@ -402,6 +422,7 @@ def separated_by(effect: str, alternative: Alternative) -> str:
         )
     if other == NONE:
         return LONGER_RECORDING
+    # either of the two may name the other in the catalogue
     for one, another in ((effect, other), (other, effect)):
         for name, recording in by_name(one).confused_with:
             if name == another:

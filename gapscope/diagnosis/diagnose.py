@@ -130,10 +130,12 @@ class SheetComparison(Comparison):
     @cached_property
     def named(self) -> tuple[str, ...]:
         """Findings that are more likely than not and close enough of held-out data to be seen."""
+        # an arm cannot have what gives its bodies a negative energy
         names = tuple(name for name in self.likely if not self.feeds_energy(name))
         while names:
             known = self._explained(names)
             closed = {name: self._closed(known, name) for name in names}
+            # one at a time: without it another may close more
             least = min(names, key=lambda name: closed[name])
             if closed[least] >= VISIBLE_EFFECT:
                 break
@@ -155,6 +157,7 @@ class SheetComparison(Comparison):
     def _closed(self, known: Explained, name: str) -> float:
         """Most that a finding closes of a joint's held-out gap, errors of the bodies taken out or not [1]."""
         own = sum(known.torque[one] for one in self.findings[name])
+        # likely errors of the bodies may cover what it does, or do the same
         gaps = (known.after, known.after - known.errors)
         closed = [known.visible(left + own) - known.visible(left) for left in gaps]
         return float(np.max(closed))
@@ -179,6 +182,7 @@ class SheetComparison(Comparison):
         found = self.values_of(names)
         effects = {n: self.with_values(n, {**found, **self.turn}) for n in names}
 
+        # by the laws themselves: nothing is linearised where nothing was fitted
         def left(some: Collection[str]) -> np.ndarray:
             arm_with = CorrectedArm(arm, tuple(effects[name] for name in some))
             return gap_on_rows(rows, arm_with, self.body)
@@ -187,11 +191,13 @@ class SheetComparison(Comparison):
         torque = {one: np.zeros_like(after) for one in found}
         for name in names:
             without = left([other for other in names if other != name])
+            # all joints together, at the first candidate: the others stay at zero
             torque[self.findings[name][0]] = without - after
         # what a healthy arm has is told by what was fitted
         shared = likely_errors(self.fit, found, self.group)
         made, fitted = self.searching.design_on(rows), self.fit.contrast.design
         there = np.zeros(made.size)
+        # ten parameters of each link come first in every design, in the same order
         bodies = 10 * arm.n_joints
         there[:bodies] = shared[:bodies]
         for term, places in made.places.items():
@@ -224,6 +230,7 @@ class SheetComparison(Comparison):
             return known
         # the search is about the arm as it is mounted
         nominal = gap_on_rows(self.rows, CorrectedArm(self.case.arm), self.body)
+        # from rows that are scaled and weighed back to N m
         mounted = self.fit.contrast.design.gap * self.rows.scale / self.rows.trust
         turned = (nominal - mounted)[known.rows]
         more = {one: known.torque.get(one, 0.0) + turned for one in self.turn}
@@ -270,6 +277,7 @@ class SheetComparison(Comparison):
         )
         if not dry.any():
             return np.zeros(arm.n_joints)
+        # a slide counts metres; zero, the law as it is, comes first
         distances = [
             np.where(dry, d * arm.per_radian, 0.0) for d in (0.0, *PRESLIDING_DISTANCES)
         ]
@@ -279,8 +287,10 @@ class SheetComparison(Comparison):
             gap = gap_on_rows(rows, bent, self.body)
             every.append(((gap * rows.measured) ** 2).sum(axis=0))
             trusted.append(((gap * rows.trust) ** 2).sum(axis=0))
+        # what widens the gap of all rows is out, whatever trusted ones say
         wider = np.array(every) > every[0]
         squares = np.where(wider, np.inf, trusted)
+        # log likelihood ratio of noise of fitted variance: N / 2 ln(S0 / S)
         gain = self.samples / 2 * np.log(squares[0] / squares.min(axis=0))
         best = np.array(distances)[np.argmin(squares, axis=0), np.arange(len(dry))]
         return np.where(gain > PRESLIDING_GAIN, best, 0.0)
@@ -292,6 +302,7 @@ class SheetComparison(Comparison):
     def samples(self) -> np.ndarray:
         """Independent samples of each joint, (n,)."""
         error = self.fit.contrast.error
+        # neighbours in time count once: white over whole variance
         count = (self.rows.trust**2).sum(axis=0)
         return np.asarray(count * error.white2 / error.noise2)
 
@@ -300,6 +311,7 @@ class SheetComparison(Comparison):
     @cached_property
     def segments(self) -> list[Segment]:
         """What gaps are measured on, at the rate of the recordings."""
+        # gaps are measured on what is set aside, if there is any
         fitted = (r for r in self.case.recordings if r.tau is not None)
         used = self.set_aside or fitted
         return [segment for recording in used for segment in condition(recording)]
@@ -310,6 +322,7 @@ class SheetComparison(Comparison):
 
         Errors larger than two deviations beyond a good data sheet's explain what those of that size would.
         """
+        # bodies that are off by more would explain away what is unknown
         known, largest = self.explained, WORSE**2 * INERTIAL_ERROR
         share = largest / max(self.sheet_error, largest)
         gap = self.gap(known.after - share * known.errors)
@@ -318,6 +331,7 @@ class SheetComparison(Comparison):
     @cached_property
     def floor(self) -> np.ndarray:
         """RMS of what is left that has no unknown cause: noise, and errors of a healthy arm [N m], (n,)."""
+        # what is left less its unknown part, by squares
         left2 = (self.explained.after**2).mean(axis=0)
         known2 = left2 * (1.0 - self.unknown.share)
         return np.sqrt(np.maximum(known2, MIN_FLOOR**2))
@@ -335,6 +349,7 @@ class SheetComparison(Comparison):
         """A gap on the rows that are judged, (M, n), as that of an arm."""
         rows, mine = self.judged_on, self.explained.rows
         measured = rows.torque[mine]
+        # a change of segment is an edge: spectra do not run across it
         starts = np.flatnonzero(np.diff(rows.segment[mine])) + 1
         edges = (0, *starts.tolist(), len(measured))
         return TorqueGap(measured, measured - error, edges)
@@ -345,6 +360,7 @@ class SheetComparison(Comparison):
     def replayed(self) -> ReplayGap:
         """Replay gap before and after, on a recording to which values were not fitted."""
         if self.set_aside:
+            # no value was fitted to what is set aside: all that is named stays as it is
             named = {name: self.change(name) for name in self.named}
             return replay_gap(self.case, self.set_aside[0], named)
         recording, part = self._last_part()
@@ -352,10 +368,12 @@ class SheetComparison(Comparison):
 
     def _last_part(self) -> tuple[Recording, HeldOut]:
         """The last recording, or the last part of a single one."""
+        # parts come in the order of time: the last is the end of the recordings
         *_, part = held_out(self.fitted, self.group, self.of(self.named))
         fitted = [r for r in self.case.recordings if r.tau is not None]
         last = self.rows.segments[self.rows.segment[part.rows][-1]].recording
         recording = next(r for r in fitted if r.name == last)
+        # of several recordings each held-out part is a whole one
         if len({s.recording for s in self.rows.segments}) > 1:
             return recording, part
         t = self.rows.t[part.rows]
@@ -373,6 +391,7 @@ class SheetComparison(Comparison):
         if self.case.controller is None or self.turn:
             return {}
         fitted = [r for r in self.case.recordings if r.tau is not None]
+        # beside the values found, not in their place
         values = instrumented(self.searching, self.fitted, fitted)
         return {
             name: self.with_values(name, values)
@@ -385,6 +404,7 @@ class SheetComparison(Comparison):
         out, by_commands = super().parameters(name), self.by_commands.get(name)
         nonlinear = self._terms(name)[0].parametrisation.nonlinear
         for parameter, value in by_commands.parameters.items() if by_commands else ():
+            # searched parameters and link numbers are no coordinates
             if parameter not in (*nonlinear, "link"):
                 out[parameter]["by_commands"] = value.tolist()
         return out
@@ -429,12 +449,14 @@ class _Document(Document):
 
     def load(self) -> np.ndarray:
         mine = self._known.rows
+        # what the nominal arm predicts: the recorded torque less the gap before
         return np.asarray(self._sheet.judged_on.torque[mine] - self._known.before)
 
     def floor(self) -> np.ndarray:
         return self._sheet.floor
 
     def where(self, stage: str, joints: list[int]) -> list[dict[str, Any]]:
+        # at the rate of the recordings, not on the thinned rows of the search
         gaps, rows = self._sheet.gaps, stack(self._sheet.segments)
         load, floor = gaps["before"].predicted, self._sheet.floor
         places = regions_of(gaps[stage].error, rows, load, floor, joints)
@@ -588,10 +610,12 @@ class _Document(Document):
         fit, sets = sheet.fit, sheet.difference.sets
         mine = frozenset(fit.mine)
         here = sets.get(mine, 0.0)
+        # the likeliest sets first: each effect is told once, where it does best
         for some, value in sorted(sets.items(), key=lambda e: -e[1]):
             more, less = some - mine, mine - some
             names = {one.effect for one in more}
             places = {one.term.finding for one in less}
+            # only what differs by one more effect, and one finding less, has one reason
             if len(names) != 1 or names & seen or len(places) > 1:
                 continue
             seen |= names
@@ -604,6 +628,7 @@ class _Document(Document):
             kept = [one for one in fit.mine if one in some]
             values = fit.own.answer([*kept, *more]).values
             gaps = (fit.torque, fit.own.torque(values))
+            # how much more of each joint's gap it would close
             closed = np.subtract(
                 *(sheet.searching.torque_nrmse(fit.contrast.gap - x) for x in gaps)
             )
@@ -648,10 +673,12 @@ def examine(case: Case, progress: Progress = silent) -> SheetComparison:
     """Compare a case with its data sheet; arguments and errors are those of ``diagnose``."""
     prepared = prepare(case, progress)
     found = _compared(prepared, progress)
+    # a computed torque may follow another rule, beside what was found
     likelier = prepared.by_likelier_rule(found.effects, progress)
     if likelier is not None:
         prepared, found = likelier, _compared(likelier, progress)
     left = found.explained.nrmse(found.explained.after)
+    # effects speak for the nominal arm only if its bodies are about right
     explained = found.has_good_sheet and _Document(found).reached == "effects_found"
     # worse than no torque at all with all that was found, or not explained by that
     if rms(left, None) > NO_TORQUE or (prepared.doubted and not explained):
@@ -671,9 +698,11 @@ def _compared(prepared: Prepared, progress: Progress) -> SheetComparison:
     progress("searches for effects")
     searching.progress = progress
     found = searching.run()
+    # a base turned far is found before the search, and is named with what it found
     turn = turn_of_base(case.arm.gravity, searching.arm.arm.gravity)
     if turn is None:
         return SheetComparison(prepared, found, *EVERYONE, searching)
+    # the turn joins the set that was found, whether a rest of it pays or not
     places = found.fit.contrast.design.places
     tilts = [Candidate(t, EVERYONE) for t in places if isinstance(t.definition, Turn)]
     found = searching.with_also(found, tilts)

@@ -114,24 +114,30 @@ def possible_arm(
     """
     n, scale = sheet.n_joints, inertial_scale(free.body)
     squares = _squares(free.body, rows)
+    # squares of the torque in units of the noise: what a change of bodies costs
     by_noise = squares / (noise2 * rows.scale**2)[:, None, None]
+    # where the data say nothing, bodies stay at their nominal values
     normal = np.diag((BODIES * scale) ** -2.0) + by_noise.sum(axis=0)
     nominal = free.body.inertial_parameters()
+    # so that the free bodies are the optimum that possible ones come near to
     right = normal @ free.increments.ravel()
     value = nearest_possible(normal, right, nominal, n)
     change = (value - nominal).reshape(n, 10)
     body: RigidBody = free.body.changed(change)
     terms, theta = Terms(n, {}, sheet.coupled_motors), free.theta.copy()
     drives: dict[str, Any] = {}
+    # what a data sheet can say goes there, and out of the effects beside it
     for effect in terms.definitions:
         name = effect.fitted.data_sheet
         if name is not None:
             own = terms.block(effect.name)[0]
+            # a possible arm has no negative rotor or friction
             drives[name] = np.maximum(theta[own], 0.0)
             theta[own] = 0.0
     arm = replace(sheet, **drives, friction_source="the reference, identified")
     remainder = free.increments - change
     count = np.count_nonzero(rows.of(0))
+    # r^T S_j r: sum of squares of the torque that the remainder makes on joint j
     lacking = np.einsum("jpq,p,q->j", squares, remainder.ravel(), remainder.ravel())
     of_all = squares.sum(axis=0) @ nominal
     return PossibleArm(
@@ -140,6 +146,7 @@ def possible_arm(
         theta,
         remainder,
         np.sqrt(np.maximum(lacking, 0.0) / count),
+        # nominal torque times a factor, fitted to the free one: n^T S f / n^T S n
         float(
             (nominal + free.increments.ravel())
             @ of_all
@@ -153,6 +160,7 @@ def _squares(body: RigidBody, rows: Rows) -> np.ndarray:
     n = body.n_joints
     out = np.zeros((n, 10 * n, 10 * n))
     for k, segment in enumerate(rows.segments):
+        # the case tells nothing of the arm of the reference
         if rows.group_of[k]:
             continue
         motion = segment.motion
@@ -243,9 +251,11 @@ CHANNELS = ("t", "q", "tau")
 
 def identified_folder(path: Path) -> Path | None:
     """The folder of a kept reference: the path itself, or ``identified`` in it; ``None`` if it is a case."""
+    # a case stays a case, even with a reference kept inside it
     if not is_folder(path) or is_file(path / "case.yaml"):
         return None
     for folder in (path, path / FOLDER):
+        # one of the two is enough: reading says which is missing
         if any(is_file(folder / name) for name in (DOCUMENT, ARRAYS)):
             return folder
     return None
@@ -267,6 +277,7 @@ def write_reference(reference: KeptReference, folder: Path) -> Path:
         raise GapscopeError(
             f"{document}: cannot be replaced ({error.strerror})", "remove it"
         ) from None
+    # by channel and number of the recording, from 1: t1, q1, tau1, t2, ...
     arrays = {
         f"{channel}{k + 1}": getattr(recording, channel)
         for k, recording in enumerate(reference.recordings)
@@ -315,6 +326,7 @@ def read_reference(folder: Path) -> KeptReference:
     if not is_file(path):
         raise _unfit("is missing: the reference was not written to its end", path)
     content = read_json(path, REMEDY)
+    # the version first: another one would fail at some field without saying why
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema is not None and schema != SCHEMA:
         raise _unfit(
@@ -339,6 +351,7 @@ def read_reference(folder: Path) -> KeptReference:
     sheet, n = {}, len(content["joints"])
     for name in SHEET:
         sheet[name] = np.array(content[name], dtype=float)
+        # a schema cannot tie lengths to the number of joints
         if sheet[name].shape != (n,):
             problem = f"has {sheet[name].size} numbers, the arm has {n} joints"
             raise _unfit(problem, path, f"field {name}")
@@ -371,6 +384,7 @@ def _read_recordings(path: Path, content: Mapping[str, Any]) -> tuple[Recording,
         series = []
         for name in CHANNELS:
             shape = (samples,) if name == "t" else (samples, n)
+            # a missing array gets a shape that no channel has
             found = arrays.get(f"{name}{k}", np.array(np.nan))
             numeric = found.dtype.kind in "fiu" and np.isfinite(found).all()
             if found.shape != shape or not numeric:
@@ -410,6 +424,7 @@ def identify_reference(
     check_rates(reference)
     with threadpool_limits(1):
         progress("identifies the arm")
+        # faults show against an arm that predicts: first of the torque as read
         kept = _kept(select_windows(reference))
         progress("tests the set-up")
         with TemporaryDirectory(prefix="gapscope-") as folder:
@@ -421,12 +436,14 @@ def identify_reference(
                 if not fault.reading(reference.arm.n_joints).differs("gravity")
             )
             right = select_windows(repaired(nominal, faults))
+            # after the repair: a wrong unit scales the step of an encoder
             faults = (*faults, *find_quantization(right))
             late = looks_late(nominal)
         if faults:
             # of what is put right here, the case shows the same against the arm that is right
             kept = _kept(replace(right, arm=reference.arm))
     names = {(fault.name, fault.variant) for fault in faults}
+    # not put right here, and no news if the case is as late
     if late:
         names.add(("late_torque", "delay"))
     return replace(
@@ -455,6 +472,7 @@ def _kept(reference: Case) -> KeptReference:
     """The reference as it was recorded, with the possible arm that predicts it best."""
     rows = Rows.recorded([reference.recordings])
     free = fitted_arm(rows, reference.arm, {0})
+    # without anything of its own: noise is what is left of motions held out
     noise2 = learn(Equations.of(design(rows, free, {})), {0}).noise2
     found = possible_arm(free, reference.arm, rows, noise2)
     return KeptReference(
@@ -587,6 +605,7 @@ class ReferenceComparison(Comparison):
         count = self.rows.of(CASE).sum() * error.white2 / error.noise2
         total = len(self.prepared.faults) * float(np.log(FAULTY))
         for found in self.prepared.setup_faults:
+            # the density of a torque times k holds a factor |k| for each row that counts
             factor = np.abs(found.reading(len(count)).torque.factor)
             total += float(count @ np.log(factor))
         return total
@@ -594,6 +613,7 @@ class ReferenceComparison(Comparison):
     @cached_property
     def free(self) -> FreeArm:
         """The arm that predicts the reference, and the case but for its changes and what differs from day to day."""
+        # values shared by both groups: the day of either is left out
         shared, _ = self.fit.own.nuisances(self.values)
         return moved(self.difference.arm, self.fit.contrast.design, shared)
 
@@ -605,12 +625,14 @@ class ReferenceComparison(Comparison):
 
     def effects(self, names: Sequence[str] = ()) -> tuple[AppliedEffect, ...]:
         """Effects of the arm of the reference beside its data sheet, with some findings on top."""
+        # on top of what the identified arm has beside its own data sheet
         theta = self._theta(self.of(names), self.possible_arm.theta)
         return self.terms.effects(self.terms.clipped(theta))
 
     @property
     def states(self) -> tuple[State, ...]:
         """Effects beside the data sheet in each recording and span; none if all share a state."""
+        # what remains where a change is too small to be named
         without = self._theta(self.of(()), self.possible_arm.theta)
         theta = self._theta(self.of(self.named), self.possible_arm.theta)
         return self.prepared.states.effects(self.terms, theta, without)
@@ -638,9 +660,11 @@ class ReferenceComparison(Comparison):
             name = term.parametrisation.data_sheet
             if name is None:
                 continue
+            # one column each: rotor inertia and friction are linear
             (place,) = design.places[term]
             value = self.free.theta[term.columns[0]]
             if day is not None:
+                # days are in units of torque: back to those of the sheet
                 value += days[day, place] / design.units[term][0]
             out.setdefault(name, np.zeros(self.vendor.n_joints))[term.joint - 1] = value
         return out
@@ -670,6 +694,7 @@ class Change:
     def corrected(self) -> CorrectedArm:
         """The arm that predicts the torque recorded in the case."""
         states = self.diagnosis.states
+        # as the arm was at the end
         last = states[-1].effects if states else self.effects
         remainder = self.remainder
         return CorrectedArm(self.case.arm, last, remainder=remainder, states=states)
@@ -689,6 +714,7 @@ def diagnosis_of(comparison: ReferenceComparison) -> Diagnosis:
     """The diagnosis of a comparison."""
     document = _Document(comparison)
     content = document.content()
+    # of the case, and predicted from first to last row
     segments = [
         segment
         for k, segment in enumerate(comparison.rows.segments)
@@ -705,6 +731,7 @@ def diagnosis_of(comparison: ReferenceComparison) -> Diagnosis:
     named = sorted(
         map(comparison.change, comparison.named), key=lambda e: order.index(e.name)
     )
+    # effects of the reference's arm are no changes: not drawn
     shown = {effect.name for effect in named}
     return Diagnosis(
         document=content,
@@ -765,6 +792,7 @@ class _Document(Document):
         """What was identified on the reference, per joint, and what was allowed for on the day of the case."""
         comparison, contrast = self._reference, self._fit.contrast
         rows, reference = comparison.rows, comparison.reference
+        # friction that was allowed to differ on the day is no change
         _, days = self._fit.own.nuisances(comparison.values)
         day = contrast.design.shared_torque(days[CASE])[self._known.rows]
         held_out = np.sqrt(contrast.error.missed2) * rows.scale
@@ -839,6 +867,7 @@ def diagnose_change(
         GapscopeError: the case cannot be diagnosed.
     """
     check_same_joints(case, reference)
+    # the controller computes with the vendor's arm: its torque before the arm changes
     nominal = reference.on(with_commanded_torque(case), folder)
     check_same_places(case, nominal.arm, place_of(reference))
     with threadpool_limits(1):

@@ -193,12 +193,14 @@ def _best_cut(x: np.ndarray, y: np.ndarray, least: int) -> Cut | None:
     """The cut with the largest fall of the sum of squares; ``None`` if no cut leaves ``least`` rows on both sides."""
     if len(y) <= 2 * least:
         return None
+    # thresholds as numbers of rows below, with enough rows on either side
     below = np.unique(np.linspace(least, len(y) - least, SPLITS).astype(int))
     above = len(y) - below
     largest, best = 0.0, None
     for index, values in enumerate(x.T):
         order = np.argsort(values, kind="stable")
         ordered, total = values[order], np.cumsum(y[order])
+        # mean above less mean below, from running sums
         step = (total[-1] - total[below - 1]) / above - total[below - 1] / below
         # no threshold lies between equal values
         parted = ordered[below - 1] < ordered[below]
@@ -227,8 +229,11 @@ def rule(
     every = rule_quantities(rows, load, joint - 1)
     # more rows than twice the band hold nothing new
     step = max(1, int(min(rows.rates) / (2 * TORQUE_CUTOFF)))
+    # what a healthy arm leaves needs no rule
     x, above = every[::step], np.clip(error[::step] ** 2 - floor**2, 0.0, None)
+    # blocks alternate, and each segment begins with the other kind
     learnt = (rows.t[::step] // RULE_BLOCK + rows.segment[::step]) % 2 == 0
+    # nothing to learn, or nothing to test on
     if not above[learnt].any() or not above[~learnt].any():
         return None
     leaf = hottest_leaf(x[learnt], above[learnt], RULE_CONDITIONS)
@@ -237,6 +242,7 @@ def rule(
     there = _rule_region(cuts, inside, above[~learnt], joint)
     if not there.stands_out or there.share <= _by_chance(inside, above[~learnt]):
         return None
+    # which rule holds is told by the test rows, how much it holds by all
     return _rule_region(cuts, meeting(cuts, every), error**2, joint)
 
 
@@ -255,6 +261,7 @@ def _worthwhile(
         return samples * region.worth - len(some) * np.log(samples)
 
     counts = range(len(cuts) + 1)
+    # few conditions: all subsets can be tried
     subsets = (c for count in counts for c in itertools.combinations(cuts, count))
     return max(subsets, key=evidence)
 
@@ -272,6 +279,7 @@ def _rule_region(
         symbol, unit = QUANTITIES[names[index]]
         new = {"quantity": names[index], "symbol": symbol, "unit": unit}
         entry = conditions.setdefault(index, {**new, "above": None, "below": None})
+        # of two thresholds on one side the tighter one decides
         side, tighter = ("above", max) if above else ("below", min)
         known = entry[side]
         entry[side] = threshold if known is None else tighter(known, threshold)
@@ -286,6 +294,7 @@ def _by_chance(inside: np.ndarray, y: np.ndarray) -> float:
 
     A shift keeps gap and motion as they are in themselves, and breaks the relation between them.
     """
+    # shifted by less, gap and motion still go together
     near = int(RULE_BLOCK * 2 * TORQUE_CUTOFF)
     if len(y) <= 4 * near:
         return 1.0
@@ -340,7 +349,9 @@ def densities(x: np.ndarray, y: np.ndarray, rows: MotionRows) -> np.ndarray:
         whole = round(rate / STEP)
         size = min(int(mine.sum()), whole)
         if size > 1:
+            # a segment shorter than a stretch is padded to the same grid
             _, density = csd(x[mine], y[mine], rate, nperseg=size, nfft=whole, axis=0)
+            # a slow log ends below the band
             known = density[: len(out)]
             out[: len(known)] += mine.mean() * known
     return out
@@ -373,6 +384,7 @@ class Spectra:
 
     def coverage(self, mask: np.ndarray) -> float:
         """Share that white noise has there, or that the nominal torque has, if that is more [1]."""
+        # the nominal torque is the first of the signals
         torque = self.signals[0]
         power = float(torque[mask].sum() / max(torque.sum(), TINY))
         return max(power, float(mask.mean()))
@@ -389,6 +401,7 @@ def spectra(
         densities(gap, gap, rows)[:, 0].real,
         densities(signals, signals, rows).real.T,
         densities(signals, gap, rows).T,
+        # stretches overlap by half; only those side by side are independent
         max(seconds * STEP, 1.0),
     )
 
@@ -411,6 +424,7 @@ def line(found: Spectra, joint: int) -> Region | None:
     share = found.share(near)
     if peak == 0.0 or 2 * share < 1:
         return None
+    # between the steps of the grid: the centre of its power
     power = found.gap[near]
     centre = float((FREQUENCIES[near] * power).sum() / power.sum())
     words = f"line at {significant(centre, 2)} Hz"
@@ -431,11 +445,13 @@ def coherent(found: Spectra, joint: int) -> list[Region]:
     for low, high, mask in _bands():
         share, cross = found.share(mask), found.cross[:, mask].sum(axis=1)
         signals, gap = found.signals[:, mask].sum(axis=1), found.gap[mask].sum()
+        # over the band as a whole: a phase that turns within it is no relation
         coherence = np.abs(cross) ** 2 / np.maximum(signals * gap, TINY)
         # the window joins two lines of the grid
         averages = max(found.averages * float(mask.sum()) / 2, 2.0)
         by_chance = 1 - FALSE_ALARM_RATE ** (1 / (averages - 1))
         best = float(coherence.max())
+        # beyond chance, and more of the band's gap than does not follow it
         if share < REGION_SHARE or best < max(by_chance, 1 - best):
             continue
         error = np.sqrt(2 * best / averages) * (1 - best)
@@ -521,6 +537,7 @@ def levels(error: np.ndarray, rows: MotionRows, floor: float) -> list[GapLevels]
         used = 2 * count >= np.median(count[count > 0])
         mean = np.bincount(window, square)[used] / count[used]
         middle = t[0] + LEVEL_WINDOW * (np.flatnonzero(used) + 1 / 2)
+        # the floor keeps a gap that comes near zero from large steps of its logarithm
         level = np.log(mean + floor**2 + TINY)
         stds = np.full(len(level), deviation)
         changes = change_points(level, stds, FALSE_ALARM_RATE)
@@ -543,6 +560,7 @@ def intervals(found: list[GapLevels], joint: int) -> list[Region]:
         for level, own in every[:count]:
             share = float((level.rms[own] ** 2).sum()) / whole
             coverage = (own.stop - own.start) / windows
+            # what begins or ends with the recording has no start or end of its own
             start = end = None
             if own.start > 0:
                 start = float(level.t[own.start] - LEVEL_WINDOW / 2)
@@ -567,6 +585,7 @@ def _far_above(
     """Whether the squared level in each stretch is far above that of any other piece of the same length."""
     if not others:
         return False
+    # the rest in one row: a piece may reach across two stretches
     outside = np.concatenate([level.rms[own] ** 2 for level, own in others])
     for level, own in chosen:
         length = min(own.stop - own.start, len(outside))
@@ -679,6 +698,7 @@ def _profile(
     own_rule: Region, error: np.ndarray, rows: MotionRows, load: np.ndarray
 ) -> Profile | None:
     """RMS over bins of equal width of the rule's first quantity with a scale."""
+    # a direction has no scale to draw the gap over
     conditions = [c for c in own_rule.detail["conditions"] if c["unit"]]
     if not conditions:
         return None
@@ -688,6 +708,7 @@ def _profile(
     square, _ = np.histogram(values, BINS, weights=error**2)
     used = count > 0
     middle = (edges[:-1] + edges[1:]) / 2
+    # bins that the motion does not visit are left out
     level = np.sqrt(square[used] / count[used])
     return Profile(conditions[0], middle[used], level, own_rule.regime)
 
@@ -775,6 +796,7 @@ def _parts(
         (f"high speed, |dq| above {fast:.2g} rad/s", speed >= fast),
         (f"high acceleration, |ddq| above {strong:.2g} rad/s²", acceleration >= strong),
         (f"high load, nominal torque above {heavy:.2g} N m", torque >= heavy),
+        # beyond the slowest fifth: near zero the sign of the velocity is noise
         ("moving forward", velocity > slow),
         ("moving backward", velocity < -slow),
     ):
@@ -785,6 +807,7 @@ def _parts(
             f"position {low:.2f} to {high:.2f} rad",
             (q >= low) & (q <= high),
         )
+    # segment by segment: a recording with a hole in it has several
     for segment in np.unique(rows.segment):
         inside, name = rows.segment == segment, rows.recording(segment)
         t = clock[inside]

@@ -84,6 +84,7 @@ def open_questions(document: Mapping[str, Any]) -> list[Question]:
     No recording is designed for setup faults, which are not physics of the arm, nor for what a motion alone does not
     predict: how far a command exceeds a limit depends on the controller. None tells two names of one cause apart.
     """
+    # nothing in its place is a rival like any other
     designed = {NONE, *(e.name for e in explained() if not e.limits)}
     questions = [
         _question(entry, rival)
@@ -132,6 +133,7 @@ def hypotheses(
     found = {(e.name, place) for e in effects for place in _places(e)}
     out = [found]
     for question in questions:
+        # all places of the effect; of several changed links the one that is asked about
         asked = {
             (e.name, place)
             for e in effects
@@ -143,6 +145,7 @@ def hypotheses(
             on_link = by_name(question.rival).scope == "link"
             places = (last_link,) if on_link else question.rival_joints or (0,)
             rival = {(question.rival, place) for place in places}
+        # reads as (found - asked) | rival
         out.append(found - asked | rival)
     return out
 
@@ -166,6 +169,7 @@ class PlannedEvidence:
     """
 
     def __init__(self, case: Case, sets: Sequence[Collection[tuple[str, int]]]) -> None:
+        # values of the hypotheses are fitted to these
         recordings = [r for r in case.recordings if r.tau is not None]
         if not recordings:
             raise GapscopeError(
@@ -176,14 +180,18 @@ class PlannedEvidence:
         self.rivals = Rivals(self._search.arm, self._search.rivals(sets))
         arm = self._search.arm
         terms = Terms(arm.arm.n_joints, {}, arm.arm.coupled_motors)
+        # what exceeds a limit depends on the controller, not on the motion
         self._nominal = arm.corrected(terms).unlimited
 
     def on(self, motion: Motion, payload: KnownLoad | None) -> list[ExpectedEvidence]:
         """What a motion with a payload is expected to say between each two of them."""
         search, present = self._search, self._search.rows
+        # stands in for a torque that is not recorded yet
         torque = self._nominal.predict(search.arm.body.carrying(payload), motion)
+        # no noise, no filters: a motion as it is planned
         segment = Segment("planned", motion, torque, payload=payload)
         rows = Rows([[[segment]]], present.cutoff, 1)
+        # as in the recordings at hand, so that nats are the same
         rows.scale = present.scale
         rows.held(*present.holding)
         return self.rivals.on(search.design_on(rows, self.rivals.effects))
@@ -201,6 +209,7 @@ class PlannedEvidence:
     def effects(self) -> list[tuple[AppliedEffect, ...]]:
         """The effects of each hypothesis, with the values that explain the recordings best."""
         out = []
+        # a fit for each hypothesis, in their order
         for fit in self.rivals.fits:
             terms = fit.contrast.design.terms
             theta = np.zeros(terms.size)
@@ -265,6 +274,7 @@ def options(payload: KnownLoad | None, fastest: float) -> list[MotionOption]:
     Raises:
         InputError: there is none.
     """
+    # a bound given as the top of a speed allows that speed
     chosen = [name for name in SPEEDS if highest(name) <= fastest + 1e-9]
     if not chosen:
         least = min(highest(name) for name in SPEEDS)
@@ -273,6 +283,7 @@ def options(payload: KnownLoad | None, fastest: float) -> list[MotionOption]:
             f"give {least:g} Hz or more",
             where="fastest",
         )
+    # a payload is offered beside none, never in its place
     loads = [None] if payload is None else [None, payload]
     return [MotionOption(name, load) for name in chosen for load in loads]
 
@@ -354,6 +365,7 @@ def advise(
     unexplained = document["verdict"] == "unexplained"
     with threadpool_limits(1):
         if questions:
+            # names outside the catalogue are faults of the set-up: put right first
             if any(entry["effect"] not in CATALOGUE for entry in document["effects"]):
                 case = repaired(case, find_setup_faults(case))
             return _separating(case, effects, questions, request, progress)
@@ -364,6 +376,7 @@ def advise(
 
 def _general(case: Case, request: AdviceRequest, progress: Progress) -> Advice:
     """A motion that excites all that a model of the arm may hold."""
+    # all evaluations: there is one option only
     budget = Budget(request.evaluations)
     plan = replace(SPEEDS[GENERAL], rate=request.rate, criterion="d", budget=budget)
     rng = np.random.default_rng(request.seed)
@@ -405,11 +418,13 @@ def _separating(
 
     tried: list[tuple[MotionOption, float | None]] = []
     refused: InputError | None = None
+    # the options share the screening evenly
     each = SCREENING_SHARE / len(every)
     for k, option in enumerate(every):
         try:
             short = search(option, each, k * each).search
         except InputError as error:
+            # the limits may rule out this option alone
             refused = error
             tried.append((option, None))
             continue
@@ -419,6 +434,7 @@ def _separating(
         tried.append((option, reached))
     if refused is not None and all(reached is None for _, reached in tried):
         raise refused
+    # what is left of the budget goes to the best option alone
     option = _chosen(tried)
     prepared = search(option, 1 - SCREENING_SHARE, SCREENING_SHARE)
     excitation = design(prepared, rng)
@@ -440,9 +456,11 @@ def _chosen(tried: list[tuple[MotionOption, float | None]]) -> MotionOption:
     """
     worth = {}
     for option, reached in tried:
+        # a load has to be mounted: its evidence counts for less
         needed = 1.0 if option.payload is None else PAYLOAD_WORTH
         worth[option] = (reached or 0.0) / needed
     best = max(worth, key=lambda option: worth[option])
+    # zero: no short search has kept the limits
     if worth[best] > 0:
         return best
     return next((option for option in worth if option.speed == "moderate"), best)
@@ -486,6 +504,7 @@ def _nothing_between(advice: Advice, document: Mapping[str, Any]) -> Iterable[st
 
 
 def _questions(advice: Advice) -> Iterable[str]:
+    # pairs count hypotheses from what was found
     names = ["what was found", *(question.other for question in advice.questions)]
     for question in advice.questions:
         yield (
@@ -502,10 +521,12 @@ def _questions(advice: Advice) -> Iterable[str]:
 
 def _kept(advice: Advice, pair: ExpectedEvidence, times: int = 1) -> float:
     """Probability that the wrong one of two hypotheses should keep beside the other, after some recordings [1]."""
+    # log odds against what was found; its own, the first, are zero
     odds = [
         0.0,
         *(np.log(q.probability / (1.0 - q.probability)) for q in advice.questions),
     ]
+    # the worse of both ways: either one may turn out to be wrong
     return float(
         expit(abs(odds[pair.first] - odds[pair.second]) - times * pair.evidence)
     )
@@ -516,6 +537,7 @@ def _verdict(advice: Advice) -> Iterable[str]:
         max(_kept(advice, pair, times) for pair in advice.pairs)
         for times in (1, TIMES_RECORDED)
     )
+    # settled is what would not be listed as open any more
     if once < OPEN_ALTERNATIVE:
         yield "That should settle it: record it, add it to the case, and diagnose again."
     elif repeated < OPEN_ALTERNATIVE:

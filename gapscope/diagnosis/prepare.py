@@ -99,6 +99,7 @@ class Prepared:
 
     def of_another_arm(self) -> Prepared:
         """The same as of another arm than the nominal one."""
+        # time stamps show without an arm; all else was found against the wrong one
         of_time = only_of_time(self.setup_faults)
         kept = (f for f in self.faults if f in of_time or f not in self.setup_faults)
         return replace(
@@ -115,6 +116,7 @@ class Prepared:
         self, progress: Progress, inherent: Collection[tuple[str, str]]
     ) -> Prepared | None:
         """The case once more without repair of the faults that are news; ``None`` if there is none to leave out."""
+        # stamps are wrong by themselves, and what the reference has is no news
         kept = tuple(
             f
             for f in self.setup_faults
@@ -202,6 +204,7 @@ def _repaired(
     case = repaired(case, setup_faults)
     # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
     every = (*references, *setup_faults, *find_quantization(select_windows(case)))
+    # wrong on the reference, stamps are no news, in whatever way they are wrong
     stamped = any(name == TimeStamps.name for name, _ in inherent)
     faults = tuple(
         f
@@ -211,6 +214,7 @@ def _repaired(
     )
     for fault in faults:
         progress(f"finds {fault}")
+    # of the recordings as a whole, before they are cut and left out
     cutoff = position_cutoff(case.recordings)
     case, changes, states = _in_one_state(case, progress)
     return Prepared(

@@ -112,6 +112,7 @@ class SetUp:
         )
         if said:
             yield Remark("warn", "torque", "", said, remedy)
+        # nothing but stamps is wrong: the columns are read right
         elif self.factor is None and all(_topic(f) == "time" for f in self.faults):
             yield Remark(
                 "ok",
@@ -133,16 +134,20 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
         InputError: the arm stands still, or time stamps cannot be put right.
     """
     check_moving(case)
+    # as a diagnosis begins, so that all commands say the same
     found, another = as_nominal_arm(case, find_setup_faults(case))
     right = repaired(case, found)
+    # the gap with the gravity that the case says, then the gravity that shows
     gap, mounted = nominal_gap(right), upright(right)
     return SetUp(
+        # references were put right before the rest could be looked for
         faults=(*seen, *found),
         n_joints=case.arm.n_joints,
         gravity=right.arm.gravity,
         shown=mounted.arm.gravity,
         off=None if gap is None else float(rms(gap, None)),
         another_arm=another,
+        # a factor between two different arms says nothing
         factor=None if another else common_factor(select_windows(mounted)),
     )
 
@@ -154,11 +159,13 @@ def fault_remark(fault: FoundFault, n_joints: int) -> Remark:
     before, after = fault.gap_without_this, fault.gap_after
     if before is not None and after is not None:
         read, right = (much(float(rms(gap, None))) for gap in (before, after))
+        # as rounded: a gap that reads the same convinces nobody
         if read != right:
             said += (
                 f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put "
                 "right"
             )
+    # a line to be copied by hand: five digits are enough
     mend = _rounded(_mend(fault, n_joints))
     line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()
     remedy = (
@@ -166,6 +173,7 @@ def fault_remark(fault: FoundFault, n_joints: int) -> Remark:
         if mend
         else "gapscope diagnose puts it right and says what to correct"
     )
+    # a factor fitted to the nominal arm is only as good as that arm
     if mend and isinstance(fault.fault, TorqueUnit | UnitMismatch) and fault.std:
         (values,), (stds,) = fault.fault.values().values(), fault.std.values()
         share = max(std / abs(x) for x, std in zip(values, stds, strict=True))
@@ -188,6 +196,7 @@ def _topic(fault: FoundFault) -> str:
     """What of a case a fault is of."""
     if fault.name == TimeStamps.name:
         return "time"
+    # which fields differ does not depend on the number of joints
     reading = fault.fault.reading(max(fault.joints, default=1))
     topics = {
         "positions": ("motion",),

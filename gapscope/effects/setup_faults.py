@@ -83,6 +83,7 @@ class Fault:
         for parameter in self.parameters:
             value = getattr(self, parameter.name)
             if np.ndim(value):
+                # a frozen record: set here, before anyone sees it
                 object.__setattr__(self, parameter.name, tuple(map(float, value)))
         if self.variants:
             variant = getattr(self, "variant")  # noqa: B009 (a field of the subclass)
@@ -122,6 +123,7 @@ class Fault:
             InputError: the fault names a joint that the recording does not have, or a value is out of bounds.
         """
         self.check()
+        # what puts a fault right, backwards
         return self.reading(recording.n_joints).inverse()(recording, arm)
 
     def in_case(self, case: Case, rng: np.random.Generator, vendor: NominalArm) -> Case:
@@ -261,6 +263,7 @@ class SignFlip(Fault):
             *itertools.combinations(joints, 1),
             *itertools.combinations(joints, 2),
         ]
+        # of two joints both are a pair already
         if look.n > 2:
             torques.append(tuple(joints))
         of_motion = [cls((j,), way) for j in joints for way in ("position", "joint")]
@@ -314,6 +317,7 @@ class JointSwap(Fault):
                 f"expected two joints, got {list(self.joints)}", where=self.name
             )
         first, second = self.columns(n)
+        # column of the log from which each joint is read
         source = np.arange(n)
         source[[first, second]] = second, first
         swapped = replace(Columns.identity(n), source=tuple(source.tolist()))
@@ -348,6 +352,7 @@ class UnitMismatch(Fault):
     def draw(cls, rng: np.random.Generator, n_joints: int) -> UnitMismatch:
         """All joints, with one gear ratio."""
         variant = str(rng.choice(cls.variants))
+        # gears have round ratios
         ratio = np.round(rng.uniform(*cls.parameters[0].typical))
         return cls(variant, ratio=float(ratio))
 
@@ -359,10 +364,12 @@ class UnitMismatch(Fault):
         """
         far = tuple(j + 1 for j in look.beyond)
         turning = tuple(j + 1 for j in look.turning)
+        # a slide has no degrees
         turning_far = tuple(j for j in far if j in turning)
         in_degrees = {(j,) for j in turning_far} | {turning_far}
         if 2 * len(turning_far) > len(turning):
             in_degrees.add(turning)
+        # all that move too far, and of a few each alone
         on_motor_side = {far}
         if len(far) < FEW_FAR_JOINTS:
             on_motor_side |= {(j,) for j in far}
@@ -370,6 +377,7 @@ class UnitMismatch(Fault):
         if turning:
             found.append(cls("revolutions", turning))
         geared = itertools.product(sorted(on_motor_side), GEAR_RATIO_STARTS)
+        # an empty set of joints would mean all
         return [*found, *(cls("motor_side", *pair) for pair in geared if pair[0])]
 
     def values(self) -> dict[str, tuple[float, ...]]:
@@ -382,6 +390,7 @@ class UnitMismatch(Fault):
             return Reading.identity(n, time_factor=1e-3)
         if self.variant == "motor_side":
             ratio = self.per_joint("ratio", len(self.columns(n)))
+            # a motor turns r times as far and gives an r-th of the torque
             torque = factors(n, self.of_joints(n, ratio))
             motion = factors(n, self.of_joints(n, 1.0 / ratio))
             return Reading.identity(n, motion=motion, torque=torque, sensor=torque)
@@ -422,6 +431,7 @@ class ZeroOffset(Fault):
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
         """Each joint by eighths of a turn."""
+        # one joint at a time: others are found on top of it
         return [cls((j,), a) for j in range(1, look.n + 1) for a in ZERO_STARTS]
 
     def reading(self, n: int) -> Reading:
@@ -555,6 +565,7 @@ class LateTorque(Fault):
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
         """Some delays, of a torque that is not late already, in a time that is right."""
+        # under a wrong rate any torque looks late
         late = look.reading.differs("torque_delay", "time_factor")
         return [] if late else [cls("delay", delay) for delay in TORQUE_DELAY_STARTS]
 
@@ -639,6 +650,7 @@ class TimeStamps(Fault):
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
         """Wrong rates; all else shows in the recordings themselves."""
+        # recorded velocities, or a rate put right, have settled it already
         starts = () if look.rate_is_known else RATE_STARTS
         return [cls("wrong_rate", amount) for amount in starts]
 
@@ -769,9 +781,11 @@ class SpeedScaling(Fault):
         self.check()
         q_ref, dq_ref = references(recording, self.name)
         t = recording.t
+        # at t the plan is where the arm will be at t0 + (t - t0) / s
         planned = t[0] + (t - t[0]) / self.factor
         q_planned = [np.interp(planned, t, column) for column in q_ref.T]
         dq_planned = [
+            # positions stay at their last value by themselves
             np.interp(planned, t, column, right=0.0) / self.factor
             for column in dq_ref.T
         ]
@@ -829,8 +843,11 @@ class CoarseReference(Fault):
                 where=f"{self.name}.period",
             )
         kept = np.arange(0, len(t), every)
+        # number of the set point before each row
         before = np.arange(len(t)) // every
+        # from one set point to the next
         slopes = np.diff(q_ref[kept], axis=0) / np.diff(t[kept])[:, None]
+        # behind the last set point nothing is planned
         held_rate = np.vstack([slopes, np.zeros(q_ref.shape[1])])[before]
         if self.variant == "held":
             return replace(recording, q_ref=q_ref[kept][before], dq_ref=held_rate)
@@ -870,6 +887,7 @@ class GainMismatch(Fault):
     def draw(cls, rng: np.random.Generator, n_joints: int) -> GainMismatch:
         """All joints, each gain off by a factor of 1.5 to 10 either way."""
         size = np.exp(rng.uniform(np.log(1.5), np.log(10.0), 2))
+        # either way by the same ratio
         factors = size ** rng.choice([-1, 1], 2)
         return cls((float(factors[0]),), (float(factors[1]),))
 
@@ -931,6 +949,7 @@ class UnmeasuredTorque(Fault):
             dq = np.gradient(recording.q, recording.t, axis=0)
         kp, kd = (self.per_joint(gain, len(columns)) for gain in ("kp", "kd"))
         error, rate = q_ref - recording.q, dq_ref - dq
+        # joints that are not named keep what was recorded
         tau = np.zeros_like(error) if recording.tau is None else np.array(recording.tau)
         tau[:, columns] = kp * error[:, columns] + kd * rate[:, columns]
         return replace(recording, tau=tau)

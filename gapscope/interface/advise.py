@@ -78,7 +78,9 @@ class ExcitationResult(Result):
     def expected(self) -> list[dict[str, Any]]:
         """How large an effect would have to be for a recording of the motion to show it, as in ``diagnosis.json``."""
         motion, torque = self.excitation.motion, self.excitation.torque
+        # as if it were recorded, with the torque of the nominal arm
         planned = Recording("planned", motion.t, motion.q, torque, payload=self.payload)
+        # many small matrices: threads would wait for each other
         with threadpool_limits(1):
             return expected_entries(could_show(self.arm, [planned]))
 
@@ -146,6 +148,7 @@ class AdviceResult(Result):
         plan, excitation = self.advice.plan, self.advice.excitation
         if plan is None or excitation is None:
             return None
+        # designed with it, so it is part of what is recorded
         load = self.advice.option.payload if self.advice.option else None
         return ExcitationResult(self.case.arm, plan, excitation, load)
 
@@ -174,11 +177,13 @@ def read_findings(
         InputError: the case, or the folder, cannot be used.
     """
     progress("reads the case")
+    # units may be wrong: the diagnosis tests that
     case = load_case(path, any_unit=True)
     if folder is None:
         result = diagnose_case(case, progress)
         return case, result.document, result.effects
     document = read_document(folder / "diagnosis.json")
+    # a diagnosis does not name the files of its case: this much can be compared
     joints = len(document["gap"]["before"]["torque_nrmse"])
     if joints != case.arm.n_joints:
         raise InputError(
@@ -209,11 +214,13 @@ def advise(
         >>> import gapscope
         >>> gapscope.advise(gapscope.diagnose("my_arm")).save("next")  # doctest: +SKIP
     """
+    # what is named; effects of an identified arm belong to that arm
     if isinstance(diagnosis, DiagnosisResult):
         found = (diagnosis.case, diagnosis.document, diagnosis.diagnosis.effects)
     elif isinstance(diagnosis, tuple):
         found = diagnosis
     else:
         found = read_findings(diagnosis)
+    # limits that any arm keeps, unless the user gives others
     asked = request or AdviceRequest(LimitPlan())
     return AdviceResult(found[0], found[1], design_recording(*found, asked, progress))

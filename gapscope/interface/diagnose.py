@@ -94,12 +94,14 @@ def check_reference(case: Case, reference: Case | KeptReference) -> None:
     source = (
         made_from(reference) if isinstance(reference, Case) else reference.made_from
     )
+    # against itself nothing has changed, whatever is wrong
     if source.get("case_sha256") == made_from(case)["case_sha256"]:
         raise InputError(
             "is the case itself",
             "give recordings of the same arm from a day on which it was healthy",
             where=place_of(reference),
         )
+    # an identified one is checked when the case is compared with it
     if isinstance(reference, Case):
         check_same_arm(case, reference)
 
@@ -129,8 +131,10 @@ def kept_reference(
     if isinstance(reference, KeptReference):
         assert reference.file is not None
         return reference.file.parent, reference
+    # a case is identified once for all cases, beside their results
     folder = out / FOLDER
     earlier = _earlier(folder)
+    # the same files and the same program identify the same arm
     if earlier is not None and earlier.made_from == made_from(reference):
         return folder, earlier
     found = identified(reference, progress)
@@ -190,9 +194,11 @@ class DiagnosisResult(Result):
         if self.change:
             return self.change.corrected
         arm = self.case.arm
+        # how friction builds up is part of the arm, not an effect of its own
         if self.diagnosis.presliding:
             arm = replace(arm, presliding=np.array(self.diagnosis.presliding))
         states = self.diagnosis.states
+        # as the arm was at the end
         last = states[-1].effects if states else self.effects
         return CorrectedArm(arm, last, states=states)
 
@@ -208,13 +214,16 @@ class DiagnosisResult(Result):
         """
         out, found, change = Path(folder), self.diagnosis, self.change
         begin_results(out, DOCUMENT)
+        # written only if some file needs it: a case in memory has none
         source = partial(case_file, self.case, out)
         others = write_mended_case(found.faults, self.case, source, out)
+        # the identified arm goes along as a case: corrected.yaml counts from it
         if change is not None:
             with atomic_write(out / URDF) as aside:
                 shutil.copyfile(change.case.arm.urdf, aside)
             write_case_beside(change.case.arm, source(), out / CASE, URDF)
             others = (out / CASE, out / URDF, *others)
+            # read from a folder: there it stays
             if change.reference.file is None:
                 others = (*others, write_reference(change.reference, out / FOLDER))
         write_corrected(
@@ -227,6 +236,7 @@ class DiagnosisResult(Result):
             states=found.states,
         )
         render(found, out / REPORT)
+        # last: with it the results are whole
         write_document(self.document, out / DOCUMENT)
         return out / REPORT, out / DOCUMENT, out / CORRECTED, *others
 
@@ -236,6 +246,7 @@ class DiagnosisResult(Result):
 
     def table(self) -> Iterator[dict[str, Any]]:
         """A row for each number of each effect: place, value, standard deviation, probability, share, named."""
+        # one row per number, so that effects of all kinds have the same columns
         for section in ("effects", "possible"):
             for entry in self.document[section]:
                 more = {key: entry[key] for key in ("probability", "share")}
@@ -269,11 +280,14 @@ def diagnose(
         ('effects_found', ['payload'])
     """
     progress("reads the case")
+    # units may be wrong: the diagnosis tests that
     loaded = case_of(case, any_unit=True)
+    # of the files as they are, before anything is put right
     source = made_from(loaded)
     if against is None:
         found = diagnose_case(loaded, progress)
         return DiagnosisResult(loaded, _with_source(found, source))
+    # checks before minutes of work
     known = known_reference(against)
     check_reference(loaded, known)
     reference = identified(known, progress)

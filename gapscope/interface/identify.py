@@ -52,6 +52,7 @@ class IdentificationResult(Result):
         import pandas as pd
 
         result = self.identification
+        # of base parameters: those of single bodies have none
         deviation = np.sqrt(np.diag(result.uncertainty.covariance))
         columns = {"value": result.estimate.value, "std": deviation}
         names = pd.Index(result.base.expressions(), name="parameter")
@@ -85,6 +86,7 @@ def identify(
     if told is not None:
         read = replace(read, warnings=(*read.warnings, *told.sentences()))
     progress("tests the set-up")
+    # a diagnosis puts faults of the set-up right, an identification only names them
     read = _as_recorded(read, any_torque=chosen.any_torque)
     return IdentificationResult(identify_case(read, chosen, progress))
 
@@ -97,6 +99,7 @@ def _as_recorded(case: Case, *, any_torque: bool) -> Case:
     """
     set_up = look_at_set_up(case)
     doubts = [remark for remark in set_up.remarks() if remark.level != "ok"]
+    # bodies fitted to a log that is misread are those of no arm
     if set_up.misreads and not any_torque:
         raise InputError(
             "the case does not say what its log shows: "
@@ -106,6 +109,7 @@ def _as_recorded(case: Case, *, any_torque: bool) -> Case:
             ),
             file=case.name,
         )
+    # what else is doubtful does not stop it: it is said with the result
     said = (f"{doubt.text}; {doubt.remedy}" for doubt in doubts)
     return replace(case, warnings=(*case.warnings, *said))
 
@@ -113,6 +117,7 @@ def _as_recorded(case: Case, *, any_torque: bool) -> Case:
 def _loaded(case: Case | str | Path) -> Case:
     if isinstance(case, Case):
         return case
+    # a log alone says nothing of robot and joints
     if Path(case).suffix.lower() in READERS:
         raise InputError(
             "is a recording, not a case",

@@ -74,8 +74,10 @@ class InspectionResult(Result):
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write ``inspection.png``, ``inspection.html`` and the case to start from, which must not be there yet."""
         out = Path(folder)
+        # a case that somebody has edited is not written over
         check_unused(out)
         robot, found = self.robot, self.found
+        # the case needs the robot as a file beside it
         if self.description is not None and found.arm is not None:
             out.mkdir(parents=True, exist_ok=True)
             found = replace(found, arm=replace(found.arm, urdf=out / DESCRIBED))
@@ -83,12 +85,14 @@ class InspectionResult(Result):
                 aside.write_text(self.description, encoding="utf-8")
             robot = DESCRIBED
         elif robot is not None and Path(robot).exists():
+            # relative, so that robot and case can be moved together
             way = os.path.relpath(Path(robot).resolve(), out.resolve())
             robot = Path(way).as_posix()
         picture, page, case = out / PICTURE, out / PAGE, out / CASE
         label, joints = found.main.label, names_of(found)
         write_picture(picture, label, panels_of(found, 0), joints)
         write_page(page, found, self.checked)
+        # the case last: with it the folder is whole
         with atomic_write(case) as aside:
             aside.write_text(case_text(found, out, robot), encoding="utf-8")
         return picture, page, case
@@ -123,11 +127,14 @@ def inspect(
         >>> gapscope.inspect("log.csv", "robot.urdf").save("my_arm")  # doctest: +SKIP
     """
     progress("reads")
+    # a path is a sequence of letters, too
     paths = [logs] if isinstance(logs, (str, Path)) else logs
     opened = [open_log(path) for path in paths]
+    # a robot that is given counts more than one that a log describes
     text = None if robot is not None else _description(opened)
     with TemporaryDirectory(prefix="gapscope_") as aside:
         given = robot
+        # a robot is read from a file, which is needed no longer than that
         if text is not None:
             given = Path(aside) / DESCRIBED
             given.write_text(text, encoding="utf-8")
@@ -135,7 +142,9 @@ def inspect(
         progress("looks at columns, units and torques")
         found = inspect_logs(opened, arm)
         progress("looks for faults of the set-up")
+        # which column is the torque shows only against the arm
         found = judge_torques(found)
+        # the case to start from is read back, as a user would read it
         checked = check_draft(found)
     named = None if robot is None else str(robot)
     return InspectionResult(found, checked, named, text)
@@ -144,6 +153,7 @@ def inspect(
 def _description(logs: Sequence[Log]) -> str | None:
     """The robot that a log describes, or ``None`` if none does."""
     texts = (log.robot_description for log in logs)
+    # logs of one arm describe the same one
     return next((text for text in texts if text is not None), None)
 
 
@@ -169,6 +179,7 @@ def check(case: Case | str | Path, *, progress: Progress = silent) -> CheckResul
         True
     """
     with TemporaryDirectory(prefix="gapscope_") as aside:
+        # the check reads files: a case in memory gets some
         path = case_file(case, Path(aside)) if isinstance(case, Case) else Path(case)
         content = check_case(path, progress)
     return CheckResult(
@@ -237,6 +248,7 @@ def agree(case: Case | str | Path, *, progress: Progress = silent) -> DocumentRe
 
 def _agreement_rows(content: Document) -> Iterator[dict[str, Any]]:
     """A row for each parameter and recording: verdict, value and standard deviation."""
+    # long form: a row for each value, whatever the number of recordings
     for line in content["parameters"]:
         columns = zip(content["recordings"], line["values"], line["std"], strict=True)
         for recording, value, std in columns:

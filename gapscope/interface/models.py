@@ -61,13 +61,16 @@ def make_arm(robot: str | Path | NominalArm | Case, **sheet: Any) -> NominalArm:
         >>> gapscope.make_arm("kuka_iiwa", coulomb=[1.0] * 7).n_joints
         7
     """
+    # an arm that is read already keeps its data sheet
     if isinstance(robot, Case):
         return robot.arm
     if isinstance(robot, NominalArm):
         return robot
     path = Path(robot)
+    # all other endings are models of robots, or none and a known name
     if path.suffix in (".yaml", ".yml") or is_folder(path):
         return load_case(path, read_recordings=False).arm
+    # a data sheet of the call counts only here: arms and cases have their own
     return load_nominal_arm(robot, sheet=sheet)
 
 
@@ -105,6 +108,7 @@ def corrected_arm(arm: NominalArm, model: Model) -> CorrectedArm:
     Raises:
         InputError: the model names a joint that the arm does not have, or its file cannot be used.
     """
+    # it has an arm of its own, which may be an identified one
     if isinstance(model, CorrectedArm):
         return model
     if isinstance(model, (str, Path)):
@@ -125,6 +129,7 @@ def case_file(case: Case, folder: Path) -> Path:
     Raises:
         GapscopeError: the folder cannot be written to.
     """
+    # a case in memory has no file: it gets one
     return case.file or write_case(case, folder / "case", overwrite=True)
 
 
@@ -143,13 +148,16 @@ def recording_of(
     """
     if isinstance(recording, Recording):
         return recording
+    # numbers go on from those that are fitted to those that judge
     everything = (*case.recordings, *case.judged)
     if isinstance(recording, int):
         return everything[recording]
+    # names first: a file of the same name may lie in the current folder
     named = {r.name: r for r in everything}
     if str(recording) in named:
         return named[str(recording)]
     path = Path(recording)
+    # the message names what the case has, which a missing file alone would not
     check_recording(path, named)
     return load_recording(
         path,
@@ -228,15 +236,18 @@ def predict(
     if isinstance(recording, Recording):
         chosen, arm = recording, make_arm(case)
     else:
+        # a mistake in a program, not in a file
         if isinstance(case, NominalArm):
             raise TypeError(
                 "an arm alone has no recordings: give a Recording or a case"
             )
         loaded = case_of(case)
         chosen, arm = recording_of(loaded, recording, every_row=True), loaded.arm
+    # a model in effects alone adds to this arm
     corrected = corrected_arm(arm, model)
     say_state(corrected, chosen)
     torque = predict_torque(corrected, chosen)
+    # with the time stamps of the file, to lie beside it
     return Prediction(chosen.name, chosen.stamps, torque)
 
 
@@ -299,8 +310,10 @@ def replay(
     chosen = recording_of(loaded, recording)
     corrected = corrected_arm(loaded.arm, model)
     say_state(corrected, chosen)
+    # so that an error in an effect names the file that it stands in
     source = Path(model) if isinstance(model, (str, Path)) else None
     with error_context(source, corrected.effects):
+        # inside, as an engine may refuse one of the effects
         engine = check_engine(engine)
         progress(f"replays {chosen.duration:.3g} s in {engine}")
         result = replay_recording(
@@ -333,6 +346,7 @@ def gap(case: Case | str | Path, model: Model = None) -> DocumentResult:
         >>> import gapscope
         >>> gapscope.gap("my_arm", "out/corrected.yaml").to_frame()  # doctest: +SKIP
     """
+    # what looks like another unit is measured, and said in the warnings
     loaded = case_of(case, any_unit=True)
     content = gap_document(loaded, corrected_arm(loaded.arm, model))
     return DocumentResult("gap", content, gap_tables, _gap_rows)
@@ -342,6 +356,7 @@ def _gap_rows(content: Document) -> Iterator[dict[str, Any]]:
     """A row for each recording and joint."""
     for recording in content["recordings"]:
         for joint, name in enumerate(content["joints"]):
+            # long form: arms of any number of joints have the same columns
             row = {"recording": recording["recording"], "joint": name}
             for key in ("torque_nrmse", "torque_rmse", "replay_rmse"):
                 row[key] = None if recording[key] is None else recording[key][joint]
@@ -417,6 +432,7 @@ def export(
     """
     file = Path(file)
     ending = file.suffix.removeprefix(".")
+    # the one format whose ending is not its name
     form = format or {"xml": "mjcf"}.get(ending, ending)
     left_out, remarks = write_arm(corrected, form, file, controller=controller)
     return ExportResult(corrected, file, form, left_out, remarks, controller)

@@ -53,8 +53,10 @@ class Result(ABC):
 
     def to_frame(self) -> pd.DataFrame:
         """The figures of the result as a data frame."""
+        # only if asked for: results are used without it
         import pandas as pd
 
+        # a mapping holds columns, all else rows
         table = self.table()
         content = table if isinstance(table, Mapping) else list(table)
         return pd.DataFrame(content, columns=self.COLUMNS)
@@ -62,9 +64,11 @@ class Result(ABC):
     def summary(self) -> str:
         """The result as text of at most 80 columns."""
         shown = self.shown()
+        # a text is shown as it is, only tables have to be laid out
         if isinstance(shown, str):
             return shown
         text = io.StringIO()
+        # the same in a file, a notebook and a pipe: fixed width, no colours
         Console(file=text, width=80, color_system=None).print(shown)
         return text.getvalue().rstrip()
 
@@ -74,6 +78,7 @@ class Result(ABC):
     def __repr__(self) -> str:
         """The first screen of the text."""
         lines = self.summary().splitlines()
+        # a prompt shows no more than a screen; print shows all
         if len(lines) <= SCREEN:
             return "\n".join(lines)
         more = f"... {len(lines) - SCREEN + 1} more lines: print(result)"
@@ -106,10 +111,12 @@ class DocumentResult(Result):
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the page, if there is one, and, as the last, the document."""
         document = Path(folder) / f"{self.name}.json"
+        # the old document goes first: a run that is stopped leaves none
         begin_results(document.parent, document.name)
         page = document.with_suffix(".html")
         if self.page is not None:
             self.page(self.document, page)
+        # last: with it the results are whole
         write_json(self.document, document)
         return (document,) if self.page is None else (page, document)
 
@@ -146,6 +153,7 @@ def channel_columns(t: np.ndarray, **channels: np.ndarray) -> dict[str, np.ndarr
         t: time [s], (N,).
         channels: by name, (N, n) each.
     """
+    # one column for each joint, as files of recordings have them
     columns = {"t": t}
     for name, values in channels.items():
         for joint, x in enumerate(values.T, start=1):

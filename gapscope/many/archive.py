@@ -72,6 +72,7 @@ class Archive:
                 known[file] = self._current(file, has_report)
                 if progress and len(known) % 100 == 0:
                     progress(f"{len(known)} diagnoses")
+            # what is gone from the disk is forgotten
             self._known = known
         rows = [row for _, row in known.values()] + lost
         return sorted(rows, key=lambda row: (row.date, row.folder))[::-1]
@@ -84,6 +85,7 @@ class Archive:
             lost.append(self._unreadable(Path(error.filename), problem))
 
         for folder, folders, files in os.walk(self.root, onerror=closed):
+            # in place: the walk enters what is left in this list
             folders[:] = [name for name in folders if not name.startswith(".")]
             if DOCUMENT in files:
                 yield Path(folder, DOCUMENT), REPORT in files
@@ -140,6 +142,7 @@ class Archive:
 
     def _refusal(self, file: Path, size: int) -> str:
         """Why a file is not read at all; empty if it is."""
+        # links resolved first: one may lead out of the folder
         if not file.resolve().is_relative_to(self.root):
             return "is a link that leaves the folder"
         if not file.is_file():
@@ -258,6 +261,7 @@ def _file(archive: Archive, path: str) -> Answer:
     file = result_file(archive.root, names) if names else None
     if names is None or file is None:
         return refusal(HTTPStatus.NOT_FOUND)
+    # read whole: the head of the answer says its length
     try:
         content = file.read_bytes()
     except OSError as error:
@@ -360,6 +364,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _send(self, found: Answer, *, body: bool = True) -> None:
         self.send_response(found.status)
         self.send_header("Content-Type", found.type)
+        # of HEAD as well, though no body follows
         self.send_header("Content-Length", str(len(found.content)))
         policy = _FILE_POLICY if found.is_file else _POLICY
         self.send_header("Content-Security-Policy", policy)

@@ -65,6 +65,7 @@ def diagnose_path(
         The diagnosis and its files.
     """
     with locked(out):
+        # the old document goes first: a run that is stopped leaves no whole diagnosis
         begin_results(out, DOCUMENT)
         result = diagnose(path, against=against, progress=progress)
         progress("writes the report")
@@ -98,6 +99,7 @@ class Batch:
         for case in self.cases:
             path = case.resolve()
             name = path.parent.name if path.name == "case.yaml" else path.stem
+            # the folder of the reference lies among those of the cases
             taken = name in (*found, FOLDER)
             found[f"{name}-{len(found) + 1}" if taken else name] = case
         return found
@@ -136,6 +138,7 @@ def finished(
         content = json.loads((folder / DOCUMENT).read_text(encoding="utf-8"))
         validate(content)
         complete = all((folder / name).is_file() for name in (CORRECTED, REPORT))
+        # without a reference both are None
         compared_alike = content.get("against", {}).get(KEY) == reference
         unchanged = compared_alike and content.get(KEY) == made_from(case)
     except (OSError, ValueError, GapscopeError):
@@ -157,8 +160,10 @@ def diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
     """
     check_backend(batch.backend)
     with locked(batch.out):
+        # what speaks of all cases would be wrong from the first result on
         for name in (SUMMARY, UNITS):
             (batch.out / name).unlink(missing_ok=True)
+        # left by a run that was stopped while it asked again
         for folder in batch.by_folder:
             shutil.rmtree(batch.out / (folder + AGAIN), ignore_errors=True)
         try:
@@ -195,6 +200,7 @@ def _compared(
             kept[folder] = Row(str(found["case"]), folder, found)
     asked = [folder for folder in batch.by_folder if folder not in kept]
     results = batch.diagnosed(asked, "", {})
+    # results come in the order in which they were asked, kept ones between them
     for folder in batch.by_folder:
         row, own = (kept[folder], 0) if folder in kept else next(results)
         rows, code = [*rows, row], max(code, own)
@@ -226,6 +232,7 @@ def _by_law_of_type(
     Against a reference that is itself such a unit all have its friction already.
     """
     documents = {row.folder: row.document for row in rows if row.document is not None}
+    # other laws are told by the diagnoses of all units, so that this comes last
     asked = {} if batch.against is not None else other_laws(documents)
     if not asked:
         return list(rows)
@@ -264,6 +271,7 @@ def diagnose_one_of_many(
         left_out: names of effects that it is diagnosed without.
     """
     try:
+        # of this case alone: the catalogue is whole again afterwards
         with without(left_out):
             result, _ = diagnose_path(path, out / folder, against=against)
     except Exception as error:
@@ -283,6 +291,7 @@ def _confused(
     batch: Batch, groups: Sequence[FleetGroup]
 ) -> list[tuple[FleetGroup, list[ConfusionColumn]]]:
     """The groups with the columns of their confusion: all arms of a group on the recordings of each unit."""
+    # a column is all arms on one unit's recordings: those are read once
     calls = [(unit, group.units) for group in groups for unit in group.units]
     results = in_order(confusion_column, calls, batch.jobs, batch.backend)
     # a unit whose column fails is left out of the table, with the reason

@@ -67,7 +67,9 @@ class CaseListing:
         """Hash of names, sizes and stamps; empty if a file has no stamp."""
         digest = hashlib.sha256()
         for name, info in sorted(self.files.items()):
+            # a stamp of the content first: a copy of the same file has another time
             stamp = _first(info, STAMPS[0]) or _first(info, STAMPS[1])
+            # without a stamp a change would go unnoticed
             if stamp is None:
                 return ""
             digest.update(f"{name}\0{info.get('size')}\0{stamp}\0".encode())
@@ -118,6 +120,7 @@ def find_cases(address: str) -> Iterator[CaseAddress]:
     Raises:
         InputError: the address cannot be read, or there is no case.
     """
+    # fsspec does not look into an archive unless it is told to
     if address.endswith(".zip") and "::" not in address:
         address = f"zip://::{address}"
     system, path = open_address(address)
@@ -132,6 +135,7 @@ def find_cases(address: str) -> Iterator[CaseAddress]:
         raise InputError(
             f"{address}: cannot be listed ({error})", "check address and rights"
         ) from None
+    # known only at the end, as cases are given while they are found
     if not count:
         raise InputError(
             f"{address}: no {CASE_FILE} is there or below",
@@ -143,9 +147,11 @@ def _below(system: Any, root: str, address: str) -> Iterator[CaseAddress]:
     """The cases at or below a path."""
     if PurePosixPath(root).name == CASE_FILE:
         root = _parent(root)
+    # an archive that a pattern has found
     if root.endswith(".zip"):
         yield from find_cases(_full(system, root, address))
         return
+    # one listing for all: a storage charges and delays each request
     listed = system.find(root, detail=True)
     folders = {
         _parent(path)
@@ -154,6 +160,7 @@ def _below(system: Any, root: str, address: str) -> Iterator[CaseAddress]:
     }
     files: dict[str, dict[str, Any]] = {folder: {} for folder in sorted(folders)}
     for path, info in listed.items():
+        # a case inside another one keeps its files to itself
         folder = _case_folder(path, folders)
         if folder is not None:
             files[folder][_inside(path, folder)] = info
@@ -206,6 +213,7 @@ def _full(system: Any, path: str, address: str) -> str:
     """The address of a path in a file system that an address has opened."""
     if isinstance(system, LocalFileSystem):
         return path
+    # in a chain the first part is a path within what follows
     _, *archive = address.split("::")
     protocol, _ = fsspec.core.split_protocol(address.split("::")[0])
     return "::".join([f"{protocol}://{path.lstrip('/')}", *archive])
@@ -252,6 +260,7 @@ def read_list(address: str) -> Iterator[CaseAddress]:
                 where = f"line {number}"
                 day = row.get("date", "")
                 try:
+                    # only tested here: the text is what is kept
                     day and date.fromisoformat(day)
                 except ValueError:
                     raise InputError(
@@ -264,6 +273,7 @@ def read_list(address: str) -> Iterator[CaseAddress]:
                     raise InputError(
                         "names no case", "give its address", file=address, where=where
                     )
+                # the case file may be named in place of its folder
                 place = _absolute(row["case"], address).removesuffix(f"/{CASE_FILE}")
                 yield CaseAddress(place.rstrip("/"), row.get("unit", ""), day)
     except (OSError, ValueError, ImportError) as error:
@@ -291,6 +301,7 @@ def _table(file: Any, address: str) -> Iterator[tuple[int, dict[str, str]]]:
         )
     for row in reader:
         texts = {key: (value or "").strip() for key, value in row.items()}
+        # a quoted field may run over several lines
         yield reader.line_num, texts
 
 
@@ -334,6 +345,7 @@ def fetch(system: Any, folder: str, listing: CaseListing, to: Path, most: int) -
         source = f"{folder}/{name}" if folder else name
         # copy a file; what a storage says of its size need not be true
         size = 0
+        # exclusive: two names that are one on this disk are refused
         with system.open(source, "rb") as content, target.open("xb") as file:
             while block := content.read(CHUNK):
                 size += len(block)
@@ -356,6 +368,7 @@ def _check_files(folder: str, listing: CaseListing, most: int) -> None:
             raise InputError(
                 f"{folder}: {name} is a link or no file", "put the file itself there"
             )
+    # before anything is fetched; a missing size shows while it is
     size = sum(int(info.get("size") or 0) for info in listing.files.values())
     if size > most or len(listing.files) > MAX_FILES:
         raise _too_large(folder, f"{len(listing.files)} files of {size} bytes", most)
@@ -372,6 +385,7 @@ def _check_case_file(file: Path) -> None:
     """Refuse a case that reads other files than its own: what is fetched comes from others."""
     content = read_case_file(file)
     for field, text in _named_files(content):
+        # a variable could name any place on this machine
         if leaves_folder(text) or "${" in text:
             raise InputError(
                 f"names {text}, which is outside of the case",
@@ -396,6 +410,7 @@ def _named_files(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def leaves_folder(name: str) -> bool:
     """Whether a relative path could lead out of its folder, on any system."""
+    # on Windows a backslash parts names, and a letter names a drive
     parts = PurePosixPath(name.replace("\\", "/")).parts
     drive = re.match(r"[A-Za-z]:", name)
     return not parts or ".." in parts or parts[0] == "/" or "\0" in name or bool(drive)

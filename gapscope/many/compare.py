@@ -63,6 +63,7 @@ class History:
     def changes(self, level: float) -> Iterator[dict[str, Any]]:
         """Its changes as ``fleet.json`` has them; parts before and after one are tested again at a level."""
         if self.stds is None:
+            # of found and not found a single change is looked for
             position, p = appearance(self.values.astype(bool).tolist())
             before, after = (
                 float(part.mean()) for part in np.split(self.values, [position])
@@ -117,13 +118,16 @@ def histories(
         effects: numbers of the named effects of these results.
     """
     dated = effects.merge(cases[["result", "recorded_at", "kept"]], on="result")
+    # results break ties of dates, the same way in each run
     dated = dated.sort_values(IN_TIME, kind="stable")
     # an effect without joint or link is on the arm
     dated[["joint", "link"]] = dated[["joint", "link"]].fillna(0).astype(int)
     made: list[History] = []
     factors: dict[tuple[str, str], float] = {}
+    # angles come round again, and without a deviation nothing can be tested
     known = dated[(dated["std"] > 0) & ~dated["parameter"].isin(ANGLES)]
     names = [*UNIT, *NUMBER, "si_unit"]
+    # how much deviations understate is common to all units
     for parameter, of_parameter in known.groupby(["effect", "parameter"]):
         own = []
         for key, rows in of_parameter.groupby(names):
@@ -137,9 +141,11 @@ def histories(
         made += [replace(one, stds=factor * stds) for one, stds in own]
     # whether each effect of a unit was found in its diagnoses
     of_unit = dict(iter(cases.sort_values(IN_TIME, kind="stable").groupby(UNIT)))
+    # the key begins with unit and nominal arm
     for key, group in dated.groupby([*UNIT, *PLACE]):
         rows = of_unit[key[:2]]
         found = rows["result"].isin(group["result"]).to_numpy(float)
+        # found every time: neither appeared nor vanished
         if not found.all():
             made.append(_history(rows, names, (*key, "", "", ""), found))
     return [one for one in made if len(one.values) >= SHORTEST_HISTORY], factors
@@ -161,6 +167,7 @@ def drift(all_histories: list[History]) -> list[dict[str, Any]]:
     Of the histories that are called changed, a share ``FALSE_CHANGES`` is not, on average [benjamini1995]. The largest
     p among them is the level at which the parts before and after a change are tested again.
     """
+    # of the whole fleet at once: one account of false alarms
     p = np.array([history.p for history in all_histories])
     if not len(p):
         return []
@@ -197,6 +204,7 @@ def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
     for row in effects.to_dict("records"):
         joint, link = (None if pd.isna(row[k]) else int(row[k]) for k in PLACE[1:])
         names = row["parameter"], row["component"], row["si_unit"]
+        # zero stands for a deviation that is not known
         std = row["std"] if row["std"] > 0 else None
         number = Number(row["effect"], joint, link, *names, row["value"], std)
         numbers.append((row["unit"], number, row["share"]))
@@ -207,6 +215,7 @@ def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
             | {"extremes": list(_extremes(parameter))}
             for parameter in row["parameters"]
         ]
+        # one share for all units: their median
         shares = list(row.pop("shares").values())
         row |= {"units": len(shares), "share": float(np.median(shares))}
         made.append({**row, "parameters": parameters})
@@ -216,12 +225,14 @@ def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
 def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """The units farthest from the common value, in standard deviations of a single unit."""
     together = parameter["together"]
+    # a single unit has no others to be far from
     if together is None:
         return
     units = list(parameter["value"])
     values = np.array(list(parameter["value"].values()))
     stds = np.array([std or 0.0 for std in parameter["std"].values()])
     spread = np.hypot(stds, together["between"])
+    # without any scatter no unit is far from the others
     spread = np.where(spread > 0, spread, np.inf)
     deviation = (values - together["estimate"]) / spread
     for k in np.argsort(-np.abs(deviation), kind="stable")[:EXTREMES]:
@@ -283,6 +294,7 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         named = effects[effects["named"].astype(bool)]
         found, scatter = histories(of_type, named)
         everything += found
+        # one diagnosis of each: a unit that is recorded daily counts as one
         last = latest(of_type)
         of_last = named[named["result"].isin(last["result"])]
         robots.append(
@@ -330,6 +342,7 @@ def validate(document: Any) -> None:
 
 def _worst(last: pd.DataFrame, changes: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The last diagnoses, those with the largest gap over the floor first."""
+    # of all changes, those beyond the listed ones too
     units = [change["unit"] for change in changes]
     counts = pd.Series(units, dtype=object).value_counts()
     order = last.sort_values(["excess", "unit"], ascending=[False, True]).head(MOST)

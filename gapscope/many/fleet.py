@@ -151,6 +151,7 @@ def diagnose_fleet_case(
         made_by: hash of the program that asks for it.
         plan: what is kept, what names the unit, how large the case may be, and where its files lie meanwhile.
     """
+    # time that passes, and time that this process computes
     start, spent = time.perf_counter(), time.process_time()
     # the name is the same if the call is made again, so that what a lost worker left is removed then
     folder = plan.place(hashlib.sha256(case.address.encode()).hexdigest()[:16])
@@ -161,6 +162,7 @@ def diagnose_fleet_case(
         for category in (ModelWarning, EngineWarning):
             warnings.simplefilter("ignore", category)
         try:
+            # before any work: rows of two programs do not compare
             if program() != made_by:
                 raise GapscopeError(
                     "the worker has another version of Gapscope, its libraries, or effects of your own",
@@ -176,8 +178,10 @@ def diagnose_fleet_case(
             row = {"error": said}
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+    # unchanged: there is nothing to add
     if not row:
         return row, effects, files
+    # what is known of any case, overwritten by what this one has shown
     row = {
         **failed_row(case, plan.units_by),
         **row,
@@ -194,6 +198,7 @@ def failed_row(case: CaseAddress, units_by: str, error: str = "") -> dict[str, A
     name = case.address.rstrip("/").rpartition("/")[2]
     now = datetime.now(timezone.utc)
     return {
+        # a case that fails again is another row
         "result": hashlib.sha256(f"{case.address}\0{now}".encode()).hexdigest()[:16],
         "case": case.address,
         "robot": UNKNOWN,
@@ -210,6 +215,7 @@ def _named(
     case: CaseAddress, name: str, units_by: str, changed: float | None
 ) -> dict[str, Any]:
     """Name, unit, time and day of a case: as listed, else by its names or folders, else of its files' last change."""
+    # in an archive the path within it
     path = case.address.split("::")[0].rpartition("://")[2]
     folders = path.strip("/") or case.address
     if case.date:
@@ -228,14 +234,17 @@ def _fetched(
     """The diagnosis of a case that is fetched into a folder, unless that shows that it is known."""
     system, place = open_address(case.address)
     listing = list_case(system, place)
+    # stamps of the storage spare the fetch
     if listing.fingerprint in known:
         return {}, [], {}
     here, out = folder / "case", folder / "diagnosis"
     here.mkdir()
     size = fetch(system, place, listing, here, plan.largest)
     source = made_from(here)
+    # new stamps on the same content: the diagnosis would be the same
     if source["case_sha256"] in known:
         return {}, [], {}
+    # units may be wrong: the diagnosis itself finds that
     loaded = load_case(here, any_unit=True)
     found = diagnose(loaded)
     document = found.document
@@ -254,6 +263,7 @@ def _fetched(
     names = KEEP[plan.keep]
     if names:
         found.save(out)
+    # as bytes: the folder lies on the worker, and is removed there
     kept = {name: (out / name).read_bytes() for name in names}
     return row, list(diagnosed.numbers()), kept
 
@@ -284,6 +294,7 @@ def run_fleet(plan: FleetPlan, progress: Progress) -> FleetCounts:
     with locked(plan.out):
         store, counts = FleetStore(plan.out), FleetCounts()
         writer = _Writer(store, plan, counts)
+        # of a run that was killed
         plan.clear_scratch()
         tasks = _tasks(plan, store, counts)
         calls = as_completed(
@@ -291,11 +302,13 @@ def run_fleet(plan: FleetPlan, progress: Progress) -> FleetCounts:
         )
         progress("lists the cases")
         try:
+            # workers end with the loop, however it ends
             with closing(calls):
                 for call in calls:
                     writer.add(call)
                     progress(str(counts))
         except KeyboardInterrupt:
+            # before it is said how many are done
             writer.flush()
             raise InterruptedRunError(
                 f"interrupted: {counts}",
@@ -304,6 +317,7 @@ def run_fleet(plan: FleetPlan, progress: Progress) -> FleetCounts:
         finally:
             writer.flush()
             plan.clear_scratch()
+        # a file for each second of the run becomes one for each robot and day
         store.merge()
     return counts
 
@@ -312,6 +326,7 @@ def _known(store: FleetStore) -> dict[str, frozenset[str]]:
     """Fingerprints and hashes of each case that this program has diagnosed, by its address."""
     if not (store.folder / "cases").is_dir():
         return {}
+    # of another program, or failed: asked once more
     ours = (pc.field("program_sha256") == program()) & (pc.field("error") == "")
     rows = store.cases(["case", "fingerprint", "case_sha256"], ours)
     found: dict[str, frozenset[str]] = {}
@@ -331,6 +346,7 @@ def _tasks(
             continue
         seen.add(case.address)
         hashes = known.get(case.address, frozenset())
+        # an empty one, which is not known, is never among them
         if case.fingerprint in hashes:
             counts.kept += 1
         else:
@@ -349,6 +365,7 @@ class _Writer:
     def add(self, call: Ended) -> None:
         """Take a call that has ended."""
         if call.result is None:
+            # the worker died each time: this much is known of the case
             error = f"no worker brought it to an end: {call.error}"
             row = failed_row(call.arguments[0], self._plan.units_by, error)
             made: Made = (row, [], {})
@@ -368,6 +385,7 @@ class _Writer:
         """Write the rows that have come since the last time, and count them."""
         if self._cases:
             self._store.append(self._cases, self._effects)
+        # counted when they are on disk
         failed = sum(bool(row["error"]) for row in self._cases)
         self._counts.failed += failed
         self._counts.diagnosed += len(self._cases) - failed

@@ -67,7 +67,9 @@ def read_task(
         path = Path(task)
         if is_folder(path) or path.suffix == ".onnx":
             return path, (action, motions)
+        # a reference may hold no more than t and q
         task = load_recording(path, case.arm, case.importing, every_row=True)
+    # the plan where there is one: what was recorded holds the errors of its arm
     q, dq = task.q_ref, task.dq_ref
     if q is None:
         q, dq = task.q, task.dq
@@ -83,6 +85,7 @@ def read_policy(path: Path, action: str, arm: NominalArm) -> AgentModel:
         GapscopeError: a package is missing.
     """
     if is_folder(path):
+        # only if it is asked for: this brings torch
         from gapscope.agents.training.policy import read_agent_model
 
         return read_agent_model(path, arm)
@@ -98,9 +101,11 @@ def read_policy(path: Path, action: str, arm: NominalArm) -> AgentModel:
         raise InputError(
             f"is no ONNX model ({error})", "export the policy again", file=path
         ) from None
+    # one input: the observation
     (name, *_) = network.input_names
 
     def policy(observation: np.ndarray) -> np.ndarray:
+        # one observation as a batch, in the precision of networks
         rows = np.asarray(observation, dtype=np.float32)[None]
         (found, *_) = network.run(None, {name: rows})
         return np.asarray(found[0], dtype=float)
@@ -133,6 +138,7 @@ def carried_out(
         assert isinstance(goal, Recording)
         try:
             rmse = replay(arm, effects, goal, means, engine=engine).rmse
+        # a wrong input stops the run; any other error is an arm that diverged
         except InputError:
             raise
         except GapscopeError:
@@ -140,6 +146,7 @@ def carried_out(
         return float(np.sqrt(np.mean(rmse**2))), nan, 1.0
     assert isinstance(goal, Path)
     action, motions = means
+    # undisturbed: what changes is due to the effects
     plan = EvaluationPlan(tuple(motions), ("none",), (seed,), (engine,))
     policy = read_policy(goal, action, arm)
     rows = TrackingBench(arm, effects, plan).episodes("", policy, engine, seed)
@@ -185,17 +192,21 @@ def matter(
         >>> import gapscope
         >>> gapscope.matter("my_arm", "task.csv", diagnosis="out")  # doctest: +SKIP
     """
+    # checked first: simulations may take long
     loaded, engine = case_of(case), check_engine(engine)
     file = None if diagnosis is None else Path(diagnosis) / "corrected.yaml"
     corrected = corrected_arm(loaded.arm, model if file is None else file)
     states, arm = corrected.states, corrected.arm
+    # as the arm was at the end
     found = states[-1].effects if states else corrected.effects
+    # a force from outside belongs to its recording, not to the arm
     lasting = tuple(e for e in found if not isinstance(e.effect, External))
     if not lasting:
         raise InputError(
             "no effect was found that could matter",
             "give --model corrected.yaml or --diagnosis DIR with effects",
         )
+    # without a diagnosis each value is drawn as it is
     ranges = tuple(EffectRange(e, e) for e in lasting)
     if file is not None:
         ranges = read_ranges(file, replace(corrected, effects=lasting), ()).ranges
@@ -205,14 +216,17 @@ def matter(
     calls = []
     for seed in range(count):
         rng = np.random.default_rng(seed)
+        # the same values on all arms of a seed: changes are due to the switch alone
         drawn = tuple(one.draw(rng) for one in ranges)
         alone = [(one,) for one in drawn]
         without = [tuple(e for e in drawn if e is not one) for one in drawn]
+        # in this order results are taken apart again
         switched = [(), drawn, *alone, *without]
         calls += [(arm, effects, asked, seed, engine) for effects in switched]
     results = []
     for result in in_order(carried_out, calls, jobs, LOCAL):
         if isinstance(result, Exception):
+            # a missing result would shift all that follow
             raise result
         results.append(result)
         progress(f"{len(results)} of {len(calls)} simulations")
@@ -248,9 +262,11 @@ def _rows(
     ranges: Sequence[EffectRange], values: np.ndarray
 ) -> Iterator[dict[str, Any]]:
     """A row for each effect."""
+    # arms first: nominal, all, each alone, all but each
     nominal, every, *others = np.moveaxis(values, 1, 0)
     alone, without = others[: len(ranges)], others[len(ranges) :]
     for one, on, off in zip(ranges, alone, without, strict=True):
+        # two arms that both diverge give inf - inf: that counts as no change
         with np.errstate(invalid="ignore"):
             changes = np.abs([on - nominal, every - off])[..., 0].mean(axis=0)
         yield {

@@ -72,6 +72,7 @@ def render_summary(
 
 def _counts(rows: Sequence[Row], words: Mapping[str, str]) -> list[tuple[str, int]]:
     """Verdicts in words with their number, those that occur."""
+    # in the order of the words, not of the numbers
     kinds = Counter(row.verdict for row in rows)
     return [(text, kinds[kind]) for kind, text in words.items() if kinds[kind]]
 
@@ -108,6 +109,7 @@ ROWS = 1000
 
 def page_count(rows: Sequence[Row]) -> int:
     """Number of pages that the table takes."""
+    # rounded up
     return max(1, -(-len(rows) // ROWS))
 
 
@@ -183,6 +185,7 @@ def histories(rows: Iterable[Row], unit: str) -> list[EffectHistory]:
         rows: of an archive.
         unit: its name; diagnoses of other units and unreadable ones are left out.
     """
+    # values of other arms and unreadable files say nothing of this one
     of_unit = [row for row in rows if row.unit == unit and row.document is not None]
     in_time = sorted(of_unit, key=lambda row: (row.date, row.folder))
     made: dict[tuple[str, str], EffectHistory] = {}
@@ -190,8 +193,10 @@ def histories(rows: Iterable[Row], unit: str) -> list[EffectHistory]:
         for number in (number for effect in row.effects for number in effect.numbers):
             key = effect_name(number.effect), number.place
             history = made.setdefault(key, EffectHistory(*key))
+            # diagnoses come in order: only the last one can be the same
             if row not in history.found[-1:]:
                 history.found.append(row)
+            # an effect without numbers is found, and has no curve
             if number.parameter:
                 name = number.parameter.replace("_", " "), number.unit
                 points = history.parameters.setdefault(name, {})
@@ -250,6 +255,7 @@ def _drawn(history: EffectHistory, name: str) -> Markup:
     for row, ((parameter, unit), components) in enumerate(
         history.parameters.items(), 1
     ):
+        # one unit for a panel: its values share an axis
         factor, shown_unit = _shown_unit(unit, components)
         for colour, (component, points) in zip(
             COLOURS, components.items(), strict=False
@@ -276,6 +282,7 @@ def _drawn(history: EffectHistory, name: str) -> Markup:
     # first and last moment of the axis: the same for all effects of a unit
     dates = [*(row.date for row in history.found), *history.absent]
     first, last = min(dates), max(dates)
+    # a single date would leave the axis without a length
     beyond = max(EDGE * (last - first), timedelta(days=1))
     drawn_span = [(first - beyond).isoformat(), (last + beyond).isoformat()]
     figure.update_xaxes(type="date", range=drawn_span)
@@ -295,6 +302,7 @@ def _shown_unit(unit: str, components: dict[str, list[Point]]) -> tuple[float, s
 
 def _absent_lines(history: EffectHistory) -> list[dict[str, object]]:
     """Dotted lines at the diagnoses without the effect: one path, since there may be thousands."""
+    # a blank would part the date in two numbers of the path
     dates = [f"{date:%Y-%m-%d_%H:%M:%S}" for date in history.absent]
     if not dates:
         return []
@@ -311,6 +319,7 @@ def headline(content: Mapping[str, Any]) -> str:
     """What a fleet's document says, in one sentence."""
     units = _count(content["units"], "unit")
     cases = _count(content["cases"], "case")
+    # a unit may change in several effects, and counts once
     changed = len({change["unit"] for change in content["changes"]})
     what = f"{_count(changed, 'unit')} changed" if changed else "no unit changed"
     failed = (
@@ -329,6 +338,7 @@ def value_words(value: float, std: float | None, unit: str) -> str:
 def change_words(change: Mapping[str, Any]) -> str:
     """What changed, from what to what."""
     before, after = change["before"], change["after"]
+    # found more or less often: no value to give
     if change["kind"] != "value":
         shares = f"{percent(before['value'])} to {percent(after['value'])}"
         return f"{change['kind']}: named in {shares} of the diagnoses"
@@ -362,6 +372,7 @@ def sparkline(change: Mapping[str, Any]) -> Markup:
     """The history of a change as SVG, in colours of the page."""
     points = change["history"]
     days = [date.fromisoformat(point["date"]).toordinal() for point in points]
+    # found and not found have no deviation
     value, std = (
         np.array([point[key] or 0.0 for point in points]) for key in ("value", "std")
     )
@@ -370,11 +381,13 @@ def sparkline(change: Mapping[str, Any]) -> Markup:
     # upwards on the screen is downwards in its coordinates
     drawn = np.concatenate([value, value - Z95 * std, value + Z95 * std, means])
     y = HEIGHT - _scaled(drawn, HEIGHT)
+    # the first three are the points and their ends, the last two the means
     middle, low, high = y[: 3 * len(x)].reshape(3, -1)
     bars = [f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in zip(x, low, high, strict=True)]
     parts = [f'<path class="bars" d="{" ".join(bars)}"/>']
     for a, b in zip(x, middle, strict=True):
         parts.append(f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2"/>')
+    # a change may lie before the points that are kept
     split = sum(point["date"] <= change["last_before"] for point in points)
     spans = (x[: max(split, 1)], x[min(split, len(x) - 1) :])
     for level, own in zip(y[-2:], spans, strict=True):

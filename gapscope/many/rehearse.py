@@ -91,11 +91,14 @@ def put_in(case: Case, planned: Planned, seed: int) -> Case:
         planned: what is put in.
         seed: of the draw.
     """
+    # a seed of its own: what else is planned changes no draw
     rng = np.random.default_rng([seed, crc32(planned.name.encode())])
     law, count = planned.law, len(case.recordings)
     every = (*case.recordings, *case.judged)
     scenes = [Scene(recording, case.arm, case.arm) for recording in every]
+    # sized where most motion shows it; then the same on all recordings
     longest = max(scenes, key=lambda scene: scene.recording.duration)
+    # empty for an effect on the arm
     joints = np.array([planned.joint - 1] * (planned.joint > 0), dtype=int)
     drawn = law.draw(rng, longest, joints)
     x = law.start * rng.choice([-1.0, 1.0] if law.signed else [1.0], 1)
@@ -103,6 +106,7 @@ def put_in(case: Case, planned: Planned, seed: int) -> Case:
     def changed(scene: Scene) -> Changed:
         return law.apply(Put(scene, scene.recording, joints, x, drawn))
 
+    # a law that bends is not proportional to its parameter: corrected step by step
     for _ in range(ROUNDS):
         x = x * planned.size / size_of(law.name, changed(longest)[1])
     found = tuple(changed(scene)[0] for scene in scenes)
@@ -164,12 +168,14 @@ def rehearse(
             "give recordings with tau1..",
             file=loaded.name,
         )
+    # another case than that on disk; a controller without references says nothing
     stripped = replace(
         loaded, recordings=bare, judged=judged, controller=None, file=None
     )
     with TemporaryDirectory(prefix="gapscope-") as aside:
         folder = Path(out or aside)
         with locked(folder):
+            # first alone: without it nobody knows what is newly named
             baseline = _diagnosed({AS_IS: stripped}, folder, 1, progress)[AS_IS]
             if "problem" in baseline:
                 raise GapscopeError(
@@ -213,6 +219,7 @@ def _planned(
     """What is put in: nothing that the arm cannot have, or that is named as it is."""
     expected: dict[tuple[str, int], dict[str, Any]] = defaultdict(dict)
     for entry in baseline.get("expected", ()):
+        # of one joint at most: the sum is its number, or 0
         expected[entry["effect"], sum(entry["joints"])] = entry
     taken = {(effect, joint or 0) for effect, joint, _ in _named(baseline)}
     scale = ArmScale.of(arm)
@@ -220,15 +227,20 @@ def _planned(
         rng = np.random.default_rng([seed, crc32(law.name.encode())])
         every = list(joints) or range(1, arm.n_joints + 1)
         places = [0] if law.place == "arm" else every
+        # on top of one that is there the size put in is not the size named
         free = [place for place in places if (law.name, place) not in taken]
+        # where nothing turns such a law means nothing of its own
         if not law.slides and all(arm.sliding):
             continue
         if not joints and len(free) > 1:
+            # where it has a fair chance to be found, if there is such a joint
             likely = [p for p in free if expected[law.name, p].get("nine_of_ten")]
             free = [int(rng.choice(likely or free))]
         for place in free:
             entry = expected[law.name, place]
+            # null: not named at any size
             given = {chance: entry[chance] for chance in sizes if entry.get(chance)}
+            # without an expected size, the one that is usual on real arms
             if "severity" in sizes or not given:
                 usual = draw(law.name, rng, scale, (place,)).parameters
                 given["severity"] = size_of(law.name, usual)
@@ -240,6 +252,7 @@ def _diagnosed(
     cases: Mapping[str, Case], out: Path, jobs: int, progress: Progress
 ) -> dict[str, Document]:
     """The diagnosis of each case, kept from an earlier run or made now; its ``problem`` if there is none."""
+    # by hashes of what was put in: another size or seed is another case
     kept = {name: finished(case, out / name) for name, case in cases.items()}
     found = {name: content for name, content in kept.items() if content is not None}
     calls = [(cases[name], out, name, None, ()) for name in cases if name not in found]
@@ -271,12 +284,16 @@ def _row(
     """What was put in, what was named, and the value said."""
     effect, joint = planned.law.name, planned.joint or None
     names, place = size_parameters(effect), (effect, joint)
+    # units of a slide are those of forces
     slides = joint is not None and arm.sliding[joint - 1]
     before, now = _named(baseline), _named(found)
+    # what is named without the effect, too, is none of its doing
     new = [number for key, number in now.items() if key not in before]
+    # the name alone on another joint is no find
     right = any((n.effect, n.joint) == place for n in new)
     outcome = "found" if right else "confused" if new else "missed"
     problem = found.get("problem")
+    # its value is told even if it is only possible
     said = [
         (entry["probability"], n.value, n.std)
         for entry in (*found["effects"], *found["possible"])
@@ -296,6 +313,7 @@ def _row(
         "outcome": "failed" if problem else outcome,
         "named": [problem] if problem else [_text(number) for number in new],
         "value": size,
+        # of a length |x|: sqrt(sum x^2 s^2) / |x|
         "std": np.linalg.norm(value * std) / size,
         "probability": known[0],
         "diagnosis": planned.name,

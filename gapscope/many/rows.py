@@ -57,6 +57,7 @@ def split_date(name: str) -> tuple[datetime | None, str]:
     """
     for match in _DATE.finditer(name):
         packed = match["packed"] or ""
+        # 20260314 has both in one; 2026-03 is its first day
         month, day = match["month"] or packed[:2], match["day"] or packed[2:] or "1"
         hour, minute, second = (match[p] or "0" for p in ("hour", "minute", "second"))
         text = f"{match['year']} {month} {day} {hour} {minute} {second}"
@@ -81,12 +82,15 @@ def unit_name(case: str, folder: str, units_by: str = CASE) -> str:
     above = list(PurePath(folder).parts)
     folders = [*reversed(above[:-1]), *above[-1:]]
     names = [case, *folders] if units_by == CASE else [*folders, case]
+    # a name that is a date alone leaves nothing
     rests = (split_date(name)[1] for name in names)
+    # only dates: the name of the case is better than none
     return next((rest for rest in rests if rest), case)
 
 
 def date_in_names(case: str, folder: str) -> datetime | None:
     """The date in the name of the case, or of the nearest folder that has one."""
+    # the nearest name first: folders above may date whole series
     names = (case, *reversed(PurePath(folder).parts))
     return next((date for date, _ in map(split_date, names) if date is not None), None)
 
@@ -145,6 +149,7 @@ class Row:
     @property
     def date_text(self) -> str:
         """The date, with the time of day unless it is midnight."""
+        # a day in a name has no time
         midnight = self.date.time() == datetime.min.time()
         return f"{self.date:%Y-%m-%d}" if midnight else f"{self.date:%Y-%m-%d %H:%M}"
 
@@ -201,6 +206,7 @@ class Row:
         return {
             "verdict": self.verdict,
             "gap": _mean(before),
+            # joint by joint: one below its floor pays for no other
             "excess": _mean(np.maximum(before - floor, 0.0)),
             "left": _mean(np.maximum(self.gap("after") - floor, 0.0)),
             "closed": self.document["closed"],
@@ -216,6 +222,7 @@ class Row:
                 common = {key: entry[key] for key in ("probability", "share")}
                 for number in numbers_of(entry):
                     row = {"named": section == "effects", **common, **number._asdict()}
+                    # in the tables of a fleet a unit is an arm
                     row["si_unit"] = row.pop("unit")
                     if number.value is not None and number.std is not None:
                         row["low"] = number.value - Z95 * number.std
@@ -236,6 +243,7 @@ class Row:
 
 
 def _mean(values: np.ndarray) -> float | None:
+    # joints that are not known count in no mean
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else None
 
@@ -330,6 +338,7 @@ class FleetStore:
         Raises:
             GapscopeError: a file cannot be written.
         """
+        # effects first: a case in the table has all of its effects
         _append(pa.Table.from_pylist(list(effects), EFFECTS), self._effects)
         _append(pa.Table.from_pylist(list(cases), CASES), self._cases)
 
@@ -346,10 +355,12 @@ class FleetStore:
             InputError: the folder has no results, or they cannot be read.
         """
         wanted = list(columns or CASES.names)
+        # these decide which rows count, even if nobody asked for them
         needed = dict.fromkeys([*wanted, "case", "date", "finished", "error"])
         frame = _read(self._cases, CASES, list(needed), where)
         in_time = frame.sort_values("finished", kind="stable")
         latest = in_time.drop_duplicates(["case", "date"], keep="last")
+        # a failure counts only until the case is diagnosed, on whatever date
         diagnosed = latest[latest["error"] == ""]
         end = latest["case"].map(diagnosed.groupby("case")["finished"].max())
         overcome = (latest["error"] != "") & (latest["finished"] < end)
@@ -364,6 +375,7 @@ class FleetStore:
         """
         if not self._effects.is_dir():
             return EFFECTS.empty_table().to_pandas()
+        # one robot at a time, so that no more is in memory
         frame = _read(self._effects, EFFECTS, EFFECTS.names, pc.field("robot") == robot)
         frame = frame[frame["result"].isin(results)]
         # written twice if a run ended while it merged files
@@ -373,6 +385,7 @@ class FleetStore:
         """Make one file of the files of each robot and date, without rows that no longer count."""
         if not self._cases.is_dir():
             return
+        # which rows count is asked once, over all robots and dates
         kept = self.cases(["result"])["result"]
         for folder, schema in ((self._cases, CASES), (self._effects, EFFECTS)):
             for part in sorted(folder.glob("robot=*/date=*")):
@@ -382,14 +395,17 @@ class FleetStore:
 def _append(table: pa.Table, folder: Path) -> None:
     keys = table.select(PARTITION).group_by(list(PARTITION)).aggregate([])
     for key in keys.to_pylist():
+        # a file for each robot and date, as folders go
         of_robot = pc.equal(table["robot"], key["robot"])
         of_date = pc.equal(table["date"], key["date"])
         rows = table.filter(pc.and_(of_robot, of_date))
+        # a name may hold a slash
         names = [f"{name}={quote(key[name], safe='')}" for name in PARTITION]
         _write(rows.drop_columns(list(PARTITION)), folder.joinpath(*names))
 
 
 def _write(rows: pa.Table, folder: Path) -> Path:
+    # a name that no other run can have taken
     path = folder / f"part-{uuid4().hex}.parquet"
     with atomic_write(path) as aside:
         pq.write_table(rows, aside, compression="zstd")
@@ -401,9 +417,11 @@ def _merge(part: Path, schema: pa.Schema, kept: pd.Series) -> None:
     old = sorted(part.glob("part-*.parquet"))
     if len(old) < 2:
         return
+    # robot and date stand in the names of the folders
     own = pa.schema([field for field in schema if field.name not in PARTITION])
     rows = ds.dataset([str(path) for path in old], schema=own).to_table()
     rows = rows.filter(pc.is_in(rows["result"], value_set=pa.array(kept, pa.string())))
+    # then the old ones go: rows that are there twice are told, lost ones are not
     _write(rows, part)
     for path in old:
         path.unlink()

@@ -54,9 +54,11 @@ def findings(group: Content) -> list[dict[str, Any]]:
     """
     alike: dict[tuple[Any, ...], list[Content]] = {}
     for row in group["effects"]:
+        # alike in all but the joint: one line for several joints
         same = [row[key] for key in ("effect", "kind", "agree", "link")]
         key = (*same, *row["units"], *row["instead"].items())
         alike.setdefault(key, []).append(row)
+    # joints of one answer are one line of the report
     made, n = [], len(group["units"])
     for rows in alike.values():
         rows.sort(key=lambda row: row["joint"] or 0)
@@ -97,9 +99,11 @@ def findings(group: Content) -> list[dict[str, Any]]:
 def _line(units: Sequence[str], row: Content, value: Content) -> dict[str, Any]:
     """One number of an effect: ``label``, ``entries`` by unit, ``together``, ``scatter``, whether it ``differs``."""
     definition = known_effect(row["effect"])
+    # what adds to the nominal arm shows its sign
     signed = definition is not None and any(
         p.increment and p.name == value["name"] for p in definition.parameters
     )
+    # one prefix for the values of all units
     largest = max(abs(v) for v in value["value"].values())
     factor, unit = display_unit(value["unit"], largest)
 
@@ -113,6 +117,7 @@ def _line(units: Sequence[str], row: Content, value: Content) -> dict[str, Any]:
         value["component"],
         f"[{unit}]" if unit else "",
     )
+    # the level of the test by which units were said to differ
     level = FLEET_LEVEL / len(row["parameters"])
     return {
         "label": " ".join(filter(None, label)),
@@ -142,6 +147,7 @@ def heading(group: Content) -> str:
     ]
     if not parts:
         return "No effect was found on any of them."
+    # worth saying: then the model of the type lacks nothing
     none = "" if {SHARED, DIFFERING} & set(kinds) else "none is shared by all units; "
     return f"Effects found: {none}{listing(parts)}."
 
@@ -165,11 +171,13 @@ def cells(confusion: Content) -> list[tuple[str, list[dict[str, Any]]]]:
     ``own`` arm, and of the ``best``.
     """
     lines = confusion["torque_nrmse"]
+    # zero has no logarithm
     known = [v for line in lines for v in line if v is not None and v > 0]
     low, high = (min(known), max(known)) if known else (1.0, 1.0)
 
     def cell(row: str, unit: str, value: float | None) -> dict[str, Any]:
         heat = log(value / low) / log(high / low) if value and high > low else 0.0
+        # one of each column: the arm that predicts this unit best
         best = row == confusion["best"][unit]
         return {"value": value, "heat": heat, "own": row == unit, "best": best}
 
@@ -201,8 +209,10 @@ def told_apart(confusion: Content) -> list[str]:
         ]
     out = []
     for unit, others in mixed.items():
+        # one-sided: an arm may predict another unit that does not predict it
         if any(mixed.get(other) != others for other in others):
             out.append(_mixed(unit, confused[unit][1:]))
+        # a group is told once, at its first unit
         elif unit == next(other for other in confused if other in others):
             names, more = (
                 listing([other for other in confused if other in others]),
@@ -255,6 +265,7 @@ def fleet_tables(content: Mapping[str, Any]) -> Group:
                 rows.append([Text(row_label(row)), *values])
             title = "torque NRMSE of an arm (row) on the recordings of a unit (column)"
             parts.append(terminal_table(["", *confusion["columns"]], rows, title=title))
+        # after the table that they explain
         notes = (*told_apart(confusion), nominal_note(group))
         parts += [Text(note) for note in notes if note]
     return Group(*parts)

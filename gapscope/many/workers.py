@@ -117,8 +117,10 @@ class LocalProcesses(Pool):
     ) -> Future[Any]:
         """Begin a call in a process that is free, or in a new one."""
         executor = None
+        # what has ended frees its process, unless that died
         for ended in [future for future in self._executors if future.done()]:
             own = self._executors.pop(ended)
+            # one free process is enough for this call
             if executor is None and not self.lost(ended.exception()):
                 executor = own
             else:
@@ -166,6 +168,7 @@ class RayPool(Pool):
         self._remote: dict[Callable[..., Any], Any] = {}
         self._running: dict[Future[Any], Any] = {}
         if not self._ray.is_initialized():
+            # a cluster that is there comes first
             quiet = {"log_to_driver": False}
             try:
                 self._ray.init(address="auto", **quiet)
@@ -254,6 +257,7 @@ def as_completed(
     """
     waiting = (Ended(number, arguments) for number, arguments in enumerate(calls))
     with closing(_pool(jobs, backend)) as pool:
+        # by the future, so that what has ended tells which call it was
         running: dict[Future[Any], Ended] = {}
 
         def begin(call: Ended) -> None:
@@ -273,6 +277,7 @@ def as_completed(
                 lost = error and pool.lost(error)
                 if lost and call.tries < tries:
                     begin(replace(call, tries=call.tries + 1))
+                # no try is left, or the function itself has raised, as it would again
                 elif error:
                     yield replace(call, error=WorkerLostError(lost) if lost else error)
                 else:

@@ -44,6 +44,7 @@ def heading(content: Line) -> str:
         f"{len(content['recordings'])} recordings, {len(verdicts)} parameters: {counts['agrees']} agree, "
         f"{counts['differs']} differ"
     )
+    # the third verdict is said only if some have it
     rest = len(verdicts) - sum(counts.values())
     return f"{text}, {rest} not determined by two recordings." if rest else f"{text}."
 
@@ -78,6 +79,7 @@ def unit(line: Line) -> str:
 def undetermined(line: Line, recordings: list[str]) -> list[str]:
     """Recordings that do not determine a parameter."""
     pairs = zip(recordings, line["information"], strict=True)
+    # below one the recording leaves the value as it was before
     return [name for name, ratio in pairs if ratio < 1.0]
 
 
@@ -169,6 +171,7 @@ def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
     for place, line in enumerate(lines):
         row, column = divmod(place, COLUMNS)
         where = {"row": row + 1, "col": column + 1}
+        # only a parameter that agrees has a value to trust
         value = line["trusted"]
         if value is not None:
             low, high = (value["value"] + k * value["std"] for k in (-2.0, 2.0))
@@ -188,6 +191,7 @@ def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
         )
     figure.update_annotations(font_size=12)
     numbers = list(range(1, len(recordings) + 1))
+    # recordings by number: their names are too long for an axis
     figure.update_xaxes(tickvals=numbers, range=[0.5, len(recordings) + 0.5])
     return figure
 
@@ -232,6 +236,7 @@ def summary(content: dict[str, Any]) -> Group:
         caption_justify="left",
         **PLAIN,
     )
+    # names may fold; verdicts and values stay on one line
     for column in table.columns[1:]:
         column.no_wrap = True
     texts = [*_undetermined(content), *_difference_lines(content)]

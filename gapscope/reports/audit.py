@@ -24,6 +24,7 @@ def groups(content: Mapping[str, Any]) -> list[dict[str, Any]]:
     together: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for finding in content["findings"]:
         together.setdefault((finding["severity"], finding["kind"]), []).append(finding)
+    # findings come worst first: so does each group
     return [{**one, "others": _others(more)} for one, *more in together.values()]
 
 
@@ -47,6 +48,7 @@ def number(value: float | None) -> str:
 
 
 def _moving(content: Mapping[str, Any]) -> int:
+    # fixed joints do not move
     return sum(one["kind"] in ("revolute", "prismatic") for one in content["joints"])
 
 
@@ -69,6 +71,7 @@ def write_page(content: dict[str, Any], path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
+    # marked in the table of links
     odd = {finding["place"] for finding in content["findings"]}
     write_html(
         "audit/audit.html",
@@ -104,6 +107,7 @@ def summary(content: dict[str, Any]) -> Group:
         parts += [Text(f"  to do: {worst['remedy']}")]
         if worst["others"]:
             parts.append(Text(f"  also: {worst['others']}"))
+    # only with a recording of static poses
     if content["static"] is not None:
         parts += [Text(line) for line in _static(content["static"])]
     return Group(*parts)

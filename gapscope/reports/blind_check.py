@@ -29,6 +29,7 @@ def truth_lines(labels: Path) -> Iterator[str]:
             or "healthy"
         )
         c = label["conditions"]
+        # without an effect there is no gap of its own
         ratio = "-" if label["ratio"] is None else f"{label['ratio']:.2f}"
         yield (
             f"{name} {label['kind']:8s} {c['robot']:12s} {c['rate']:4d} Hz {effects:60s} ratio {ratio:>6s} "
@@ -48,6 +49,7 @@ def brief_tables(figures: dict[str, Any]) -> list[PageSection]:
     """Those of a terminal, without the counts of shares."""
     shown = [table for table in tables(figures) if table.title in BRIEFLY]
     return [
+        # counts would not fit beside the shares
         replace(table, rows=[[re.sub(r", \d+ of \d+$", "", cell) for cell in row] for row in table.rows])
         for table in shown
     ]  # fmt: skip
@@ -56,6 +58,7 @@ def brief_tables(figures: dict[str, Any]) -> list[PageSection]:
 def tables(figures: dict[str, Any]) -> list[PageSection]:
     """All tables of a blind check."""
     kinds = figures["by_kind"].items()
+    # of these nothing can be named right
     caught = {k: v for k, v in kinds if k not in ("healthy", "outside")}
     groups = {
         "Effects named": caught,
@@ -66,6 +69,7 @@ def tables(figures: dict[str, Any]) -> list[PageSection]:
         "Rate of the recordings": figures["by_rate"],
         "Arm": figures["by_robot"],
     }
+    # a set without such cases has no such table
     main, *others = [_scores(title, own) for title, own in groups.items() if own]
     calibration, confusion = figures["calibration"], figures["confusion"]
     found = [main, _verdicts(figures), *others]
@@ -125,6 +129,7 @@ def _verdicts(figures: dict[str, Any]) -> PageSection:
 
 def _confusion(confusion: dict[str, dict[str, int]]) -> PageSection:
     rows = []
+    # a row for each truth, its answers with their numbers
     for truth, answers in confusion.items():
         listed = ", ".join(f"{answer} {count}" for answer, count in answers.items())
         rows.append((truth, str(sum(answers.values())), listed))
@@ -147,6 +152,7 @@ def _baselines(figures: dict[str, Any]) -> PageSection:
     }
     rows = []
     for name, method in {"this diagnosis": figures, **figures["baselines"]}.items():
+        # not every method was tried on every kind
         values = [method["by_kind"].get(a, {}).get(b) for a, b in kinds.values()]
         values += [method[a][b] for a, b in alarms.values()]
         shown = [rate(x) if isinstance(x, dict) else _number(x) for x in values]
@@ -190,7 +196,9 @@ def severity_figure(figures: dict[str, Any]) -> go.Figure:
     figure = go.Figure(layout={"colorway": COLOURS})
     for key, name in QUANTITIES:
         shares = [groups[group][key] for group in groups]
+        # a class without cases is drawn at zero
         rates = [share["rate"] or 0.0 for share in shares]
+        # Wilson's intervals are not the same to both sides
         pairs = list(zip(shares, rates, strict=True))
         intervals = {
             "type": "data",
@@ -240,6 +248,7 @@ def confusion_figure(figures: dict[str, Any]) -> go.Figure:
     figure.update_layout(
         xaxis_title="first answer",
         yaxis_title="truth",
+        # as in a table: the first truth at the top
         yaxis_autorange="reversed",
     )
     return figure
@@ -278,5 +287,6 @@ def write_score(scored: Scored, folder: Path) -> tuple[Path, ...]:
     for name, (title, make_figure, height) in FIGURES.items():
         figure = figure_html(make_figure(scored.figures), name, height)
         sections.append(PageSection(title=title, figure=figure))
+    # the script of lines and bars draws no maps of colours
     write_plot_page(page, "Blind check", "", sections, whole=True)
     return document, text, page

@@ -27,9 +27,11 @@ def summary(content: dict[str, Any]) -> Group:
             text.append(f"\n→ {one['remedy']}", "dim")
         rows.append((Text(one["level"], STYLES[one["level"]]), one["topic"], text))
     table = terminal_table(("", "topic", "found, and what to do"), rows, 3, **PLAIN)
+    # the texts take what is left of the width
     for column in table.columns[:2]:
         column.no_wrap = True
     parts: list[Any] = [table]
+    # known only if motion and torque could be looked at
     if content["excited"] is not None:
         keys = ("range", "slow", "fast", "reversals", "gravity", "possible_gravity")
         heads = ("joint", *keys[:4], "gravity [N m]", "possible")

@@ -71,6 +71,7 @@ from gapscope.reports.pages import terminal_table, write_html
 
 def encode(values: np.ndarray) -> str:
     """Base64 of the values as little-endian float32."""
+    # little endian on any machine: the script of the page reads it so
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode(
         "ascii"
     )
@@ -109,12 +110,14 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
     """
     document, file = diagnosis.document, diagnosis.case_file
     n, found = len(joint_names(document)), []
+    # a case made in memory has no file to name
     case = "CASE" if file is None else shlex.quote(str(file))
 
     def made(name: str) -> str:
         return shlex.quote(str(folder / name))
 
     if any(fault.reading(n).differs(*OF_COLUMNS) for fault in diagnosis.faults):
+        # what follows is to be done with the mended case
         case = made("mended_case.yaml")
         found.append(
             Action(
@@ -123,6 +126,7 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
             )
         )
     for entry in document["effects"]:
+        # a base that hangs otherwise than the case says
         if "gravity" in entry:
             found.append(Action(MOUNTED, f"gravity: {gravity_text(entry)}"))
     # while a cause is missing, a simulator with the others is no better known
@@ -133,6 +137,7 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
                 f"gapscope export {made(CORRECTED)} --case {case} --format mjcf --out arm.xml",
             )
         )
+    # it may be something to correct first: then no motion is designed
     following = document["next_recording"] or ""
     if following.startswith(NOT_YET):
         found.append(Action(capital(following.removeprefix(NOT_YET))))
@@ -142,6 +147,7 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
                 f"Record next: {following}", f"gapscope advise {case} --out next.csv"
             )
         )
+    # of another arm there is no gap to look at
     if document["verdict"] == "unexplained" and "misread" not in document:
         found.append(
             Action("Look at what stays unexplained: it says where and how the gap acts")
@@ -194,10 +200,12 @@ def _rule(place: JointLocalisation, slides: bool) -> dict[str, Any] | None:
 
 
 def _time(place: JointLocalisation) -> dict[str, Any] | None:
+    # without a start or a stop there is nothing to see over time
     told = [region for region in place.regions if region.kind == "interval"]
     if not told:
         return None
     name = told[0].detail["recording"]
+    # of several recordings the one with the largest part of the gap
     level = next(level for level in place.levels if level.recording == name)
     return {
         "title": f"J{place.joint}: when",
@@ -214,6 +222,7 @@ def _frequency(place: JointLocalisation) -> dict[str, Any] | None:
     told = [region for region in place.regions if region.kind in ("line", "coherence")]
     if not told:
         return None
+    # a line stands before coherent bands
     if told[0].kind == "line":
         meaning = "What has a frequency of its own does not follow the motion: vibration, a resonance, a ripple."
     else:
@@ -227,6 +236,7 @@ def _frequency(place: JointLocalisation) -> dict[str, Any] | None:
         "title": f"J{place.joint}: at which frequencies",
         "words": f"{_joined(told)}. {meaning}",
         "x": encode(FREQUENCIES),
+        # over its peak: where it lies is shown, not how large it is
         "gap": encode(found.gap / max(float(found.gap.max()), 1e-300)),
         "coherence": [
             {"name": name, "y": encode(np.clip(row, 0.0, 1.0))}
@@ -306,7 +316,9 @@ POINTS_PER_SIGNATURE = 700
 def payload(diagnosis: Diagnosis) -> dict[str, Any]:
     """All that the script of the report draws, as JSON-ready values."""
     names = joint_names(diagnosis.document)
+    # a document need not list its recordings
     roles = {r["name"]: r["role"] for r in diagnosis.document.get("recordings", [])}
+    # four curves for each joint of each recording
     most = POINTS_OF_ALL_TRACES // max(1, 4 * len(names) * len(diagnosis.traces))
     points = int(np.clip(most, 400, POINTS_PER_CURVE))
     spectrum = diagnosis.spectrum
@@ -347,6 +359,7 @@ def _curves(trace: Trace, points: int) -> list[dict[str, str]]:
         measured, nominal, corrected = (
             x[:, joint] for x in (trace.measured, trace.nominal, trace.corrected)
         )
+        # peaks of the torque and of what is left are what a reader looks for
         keep = keep_extremes([measured, measured - corrected], points)
         curves = {
             "t": trace.t,
@@ -363,6 +376,7 @@ def keep_extremes(series: list[np.ndarray], points: int) -> np.ndarray:
     n = len(series[0])
     if n <= points:
         return np.arange(n)
+    # least and largest of each series are kept from each stretch
     edges = np.linspace(0, n, max(1, points // (2 * len(series))) + 1).astype(int)
     pairs = list(pairwise(edges))
     kept = [
@@ -408,6 +422,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
     The motion is the one that was replayed, with the simulated arms beside the recorded one; without a replay the first
     recording alone.
     """
+    # of a diagnosis that is read again neither need be known
     if diagnosis.arm is None or not diagnosis.traces:
         return None
     body = RigidBody(diagnosis.arm)
@@ -424,6 +439,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
                 "turn": turn.tolist(),
                 "axis": link.axis.tolist(),
                 "slides": link.kind == "prismatic",
+                # the URDF may list the joints in another order than the case
                 "column": diagnosis.arm.joints.index(link.joint),
             }
         )
@@ -443,6 +459,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
     rate = 1.0 / float(np.median(np.diff(t)))
     kept = slice(0, None, max(1, round(rate / FRAMES_PER_SECOND)))
     times = t[kept][:MAX_FRAMES]
+    # colours follow the gap of the same recording, if it is drawn at all
     trace = next(
         (x for x in diagnosis.traces if x.recording == name), diagnosis.traces[0]
     )
@@ -464,6 +481,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 
 def _hull(hull: Hull) -> dict[str, Any]:
+    # two bytes hold the number of any vertex of a hull
     faces = np.ascontiguousarray(hull.faces, dtype="<u2").tobytes()
     return {
         "joint": hull.body - 1,
@@ -477,6 +495,7 @@ def _gap(trace: Trace, stage: str, times: np.ndarray) -> np.ndarray:
     predicted = trace.nominal if stage == "before" else trace.corrected
     error = np.abs(trace.measured - predicted)
     deviation = trace.measured.std(axis=0)
+    # a joint with hardly any torque would always glow
     scale = np.maximum(deviation, 0.05 * deviation.max())
     columns = [np.interp(times, trace.t, column) for column in error.T]
     return np.column_stack(columns) / np.maximum(scale, 1e-12)
@@ -495,12 +514,15 @@ WORDS = {
 def sides(diagnosis: Diagnosis) -> dict[str, Any]:
     """Bars per joint of either side, the sensors' own errors, and the side of each effect; empty without sensors."""
     document = diagnosis.document
+    # only recordings with joint torque sensors have two sides
     if "sides" not in document:
         return {}
     told, names = document["sides"], joint_names(document)
     sensor = {key: told["sensor"][key]["value"] for key in ("zero", "scale", "lag")}
+    # from s to ms
     sensor["lag"] = [1e3 * lag for lag in sensor["lag"]]
     gaps = {side: _joint_gaps(names, told[side]) for side in TITLES}
+    # one scale: both sides compare by eye
     scale = max(_scale(joints) for joints in gaps.values())
     return {
         "sentence": sides_sentence(document),
@@ -602,6 +624,7 @@ def _reference_joints(
 
 
 def _changed(before: float, after: float) -> str:
+    # no share of nothing
     if not before:
         return significant(after)
     share = round(100.0 * (after / before - 1.0))
@@ -669,9 +692,11 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
     """Means over the joints of the gap before, after and of the floor; replay gaps before and after, by engine."""
     document = diagnosis.document
     stages = [document["gap"][stage] for stage in STAGES]
+    # a joint of which one of them is not known counts in no mean
     rows = [row for row in gap_rows(document) if None not in row]
     means = [_mean([row[i] for row in rows]) for i in range(len(GAPS))]
     replays = {"Replay RMSE": [stage["replay_rmse"] for stage in stages]}
+    # a second engine shows whether the gap is the simulator's own
     for engine in stages[0].get("replay_elsewhere", {}):
         label = f"in {ENGINE_NAMES.get(engine, engine)}"
         replays[label] = [stage["replay_elsewhere"].get(engine) for stage in stages]
@@ -686,6 +711,7 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
 def expected(diagnosis: Diagnosis) -> dict[str, Any]:
     """How large further effects, or changes, would have had to be to be named; an older document says nothing."""
     document = diagnosis.document
+    # with a reference sizes are those of changes
     entries = (document.get("against") or document).get("expected", ())
     count = len(joint_names(document))
     return {"rows": expected_rows(entries, count), "joints": count}
@@ -713,6 +739,7 @@ def _telling(region: Mapping[str, Any]) -> float:
 def _above_floor(document: Mapping[str, Any]) -> list[tuple[int, str, list[str]]]:
     """Joints left above the floor: number, how many times the floor, and the effects named on them."""
     left, effects = document["unexplained"], document["effects"]
+    # without effects the whole gap is left, which is said elsewhere
     if not left["above_floor"] or not effects:
         return []
     return [
@@ -744,6 +771,7 @@ def _mean_motions(
 def _motions(slides: list[bool], *columns: list[float | None]) -> list[list[str]]:
     """Columns of angles [rad] and, of joints that slide, distances [m] as text."""
     shown = [[MISSING] * len(slides) for _ in columns]
+    # one unit for all that turns, and one for all that slides
     for sliding, unit in ((False, "rad"), (True, "m")):
         places = [j for j, slid in enumerate(slides) if slid == sliding]
         own = _angles(*[[column[j] for j in places] for column in columns], unit=unit)
@@ -779,6 +807,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
         GapscopeError: the document is not valid, or ``path`` cannot be written.
     """
     validate(diagnosis.document)
+    # the templates take lists, not arrays
     document = plain(diagnosis.document)
     diagnosis = replace(diagnosis, document=document)
 
@@ -788,6 +817,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
             index
             for index, one in enumerate(diagnosis.signatures)
             if one.effect == entry["effect"]
+            # an effect without joints is drawn where it is strongest
             and (one.joint in entry["joints"] or not entry["joints"])
         ]
 
@@ -833,6 +863,7 @@ def summary(document: Mapping[str, Any]) -> Group:
     label = Text(VERDICTS[document["verdict"]], style=_COLOURS[document["verdict"]])
     parts.append(Text.assemble((document["case"], "bold"), ": ", label))
     parts.append(Text(verdict_sentence(document)))
+    # with a reference effects are changes, which has to be said first
     if "against" in document:
         name, count = (
             document["against"]["reference"],
@@ -857,6 +888,7 @@ def summary(document: Mapping[str, Any]) -> Group:
     for column in table.columns:
         column.no_wrap = True
     parts += ["", title, table]
+    # without a gap a share of it means nothing
     closed = document["closed"]
     if closed is not None and document["verdict"] != "no_gap":
         parts.append(f"{percent(closed)} of the gap above the floor is closed")
@@ -885,6 +917,7 @@ def _effects(document: Mapping[str, Any]) -> Table:
     """One row per parameter of each effect."""
     rows: list[Sequence[str | Text]] = []
     for effect in document["effects"]:
+        # 'arm' for the whole arm: the column is narrow
         place = acts_on(effect).removeprefix("the whole ")
         joints = ", ".join(joint_ranges(effect["joints"]))
         if not joints or place.startswith("motor"):

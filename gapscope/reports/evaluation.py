@@ -65,6 +65,7 @@ def tables(lines: list[SummaryLine], content: dict[str, Any]) -> Group:
         f"{content['arm']['robot']}, {plan['law']}, {plan['bandwidth']:g} Hz: "
         "interquartile means, and 95 % intervals"
     )
+    # models compare only in one engine and under one disturbance
     by_kind = _by_kind(lines)
     return Group(Text(heading), *(_table(own, kind) for kind, own in by_kind.items()))
 
@@ -83,12 +84,14 @@ def _table(lines: list[SummaryLine], kind: tuple[str, str]) -> Table:
     heads = ["model"]
     for heading in HEADS[3:]:
         name, bracket, unit = heading.partition(" [")
+        # heads over two lines keep the table within 80 columns
         name = name.replace(" ", "\n").replace("diverged", "di-\nverged")
         heads.append(f"{name}\n[{unit}" if bracket else name)
     rows = []
     for line in lines:
         means = [_two_lines(line.means[name], factor) for name, factor in MEANS]
         model = Text(line.model, overflow="fold")
+        # the last two cells are no means
         rows.append([model, *map(Text, (*means, *cells(line)[-2:]))])
     title = f"\n{kind[0]}, disturbance: {kind[1]}"
     table = terminal_table(heads, rows, title=title, **PLAIN)
@@ -156,6 +159,7 @@ def write_page(
     title = f"Tracking of {content['arm']['robot']}"
     # the plan of the evaluation, the hidden effects and the rank correlation, in sentences
     plan = content["plan"]
+    # each once, on however many joints
     names = {effect["effect"] for effect in content["effects"]}
     effects = ", ".join(sorted(names)) or "none"
     facts = (
@@ -163,11 +167,13 @@ def write_page(
         f"{', '.join(plan['motions'])} of {plan['duration']:g} s; disturbances {', '.join(plan['disturbances'])}; "
         f"{len(plan['seeds'])} seeds. Hidden effects: {effects}."
     )
+    # too few models have none
     correlation = content["rank_correlation_of_torque_and_joint_error"]
     if correlation is not None:
         facts += (
             f" Rank correlation of torque error and joint error: {correlation:.2f}."
         )
+    # the script of lines and bars draws no boxes
     write_plot_page(path, title, facts, sections, whole=True)
 
 
@@ -183,6 +189,7 @@ def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
         "largest stable bandwidth [Hz]",
     )
     figure = subplots(2, 2, subplot_titles=titles, vertical_spacing=0.16)
+    # a colour for each engine and disturbance, in all four panels
     for number, (kind, own) in enumerate(_by_kind(lines).items()):
         colour = COLOURS[number % len(COLOURS)]
         name = f"{kind[0]}, disturbed: {kind[1]}"
@@ -235,6 +242,7 @@ def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
             **common,
         )
     torque_title = "NRMSE of the feedforward torque [%]"
+    # good and bad models differ by decades
     figure.update_yaxes(type="log", row=1)
     figure.update_xaxes(title={"text": torque_title}, row=2, col=1)
     figure.update_yaxes(title={"text": "joint error [mrad]"}, type="log", row=2, col=1)
@@ -281,6 +289,7 @@ def write_evaluation(
         atomic_write(folder / TABLE) as aside,
         aside.open("w", newline="", encoding="utf-8") as file,
     ):
+        # all episodes have the same measures
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)

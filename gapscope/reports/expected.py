@@ -21,14 +21,17 @@ def expected_rows(
     """
     rows: dict[str, list[str]] = {}
     for entry in entries:
+        # one unit for all joints of a row, whatever their sizes
         factor, unit = display_unit(entry["unit"], 1.0)
         unit = "" if entry["unit"] == "1" else f" [{unit}]"
         name = f"{effect_name(entry['effect'])}, {entry['parameter'].replace('_', ' ')}{unit}"
+        # joints without an entry stay blank: nothing was asked of them
         texts = rows.setdefault(name, [""] * n_joints)
         most, half = (
             MISSING if entry[key] is None else significant(factor * entry[key], 2)
             for key in ("nine_of_ten", "half")
         )
+        # one text if both read the same, as two dashes do
         text = most if half == most else f"{most} ({half})"
         for joint in entry["joints"] or [1]:
             texts[joint - 1] = text

@@ -34,6 +34,7 @@ def gap_tables(document: dict[str, Any]) -> Group:
         if row["replay_rmse"] is None:
             notes.append(Text(f"{name} was not replayed: {row['replayed']}"))
         else:
+            # positions count in rad or m: thousandths of both
             angles = (f"{1e3 * value:.3g}" for value in row["replay_rmse"])
             replays.append([name, *angles])
     title = f"torque NRMSE of {document['case']}"
@@ -74,6 +75,7 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
         GapscopeError: no recording carries a torque.
         InputError: the stamps of one give a rate at which no robot is logged.
     """
+    # nothing is repaired here: stamps have to be in order
     check_rates(case)
     roles = [(recording, "fit") for recording in case.recordings]
     roles += [(recording, "judge") for recording in case.judged]
@@ -121,6 +123,7 @@ def _replay(
         residual=corrected.residual,
         states=corrected.states,
     )
+    # as the replay itself decides
     through_controller = case.controller is not None and recording.q_ref is not None
     how = "controller" if through_controller else "torque"
     return {

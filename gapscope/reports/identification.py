@@ -59,6 +59,7 @@ def filter_sentence(document: dict[str, Any]) -> str:
     parts = [f"does not converge in {whole:.3g} s"]
     if shown["converged"] is not None:
         parts = [f"converges after {shown['converged']:.3g} s of {whole:.3g} s"]
+    # zero: parameters are held constant
     level = shown["process_noise"]
     wander = (
         f"friction wanders by {100 * level:.2g} % in a second" if level else "no drift"
@@ -74,6 +75,7 @@ def filter_sentence(document: dict[str, Any]) -> str:
     count = len(shown["departures"])
     departs = "no parameter departs from the batch"
     if count:
+        # the farthest comes first
         worst = shown["departures"][0]
         departs = (
             f"{count} of {len(shown['parameters'])} parameters depart from the batch, {worst['expression']} farthest "
@@ -100,6 +102,7 @@ def filter_curves(result: Identification) -> dict[str, Any]:
         }
         for i, expression in enumerate(expressions)
     ]
+    # an index of the track, or none
     start = review.converged
     # each joint's innovations over the elapsed time
     t = review.problem.interval * np.arange(len(review.innovation))
@@ -128,15 +131,18 @@ def filter_curves(result: Identification) -> dict[str, Any]:
 def _first(review: FilterReview, names: list[str]) -> int:
     """The parameter that is drawn at first: one that changed, or that departs, or friction of the first joint."""
     for moved in review.moved:
+        # of the first change, by what each parameter moved over its deviation
         return int(np.abs(moved / review.track.deviation[-1]).argmax())
     if review.departures:
         return review.departures[0].parameter
+    # names begin with b, viscous, and c, Coulomb
     friction = [i for i, name in enumerate(names) if name[0] in "bc"]
     return friction[0] if friction else 0
 
 
 def _elapsed(review: FilterReview, recording: str, time: float) -> float:
     """Elapsed time of a moment of a recording [s]."""
+    # each recording has a clock of its own
     own = np.array([name == recording for name in review.recordings])
     return float(np.interp(time, review.times[own], review.track.t[own]))
 
@@ -145,6 +151,7 @@ def _starts(review: FilterReview) -> list[dict[str, Any]]:
     """Where recordings after the first begin, in elapsed time."""
     names = review.recordings
     edges = [k for k in range(1, len(names)) if names[k] != names[k - 1]]
+    # where the recording before it ends
     return [{"elapsed": float(review.track.t[k - 1]), "name": names[k]} for k in edges]
 
 
@@ -163,9 +170,11 @@ def payload(result: Identification) -> dict[str, Any]:
     """All that the script of the report draws, as JSON-ready values."""
     names = result.case.arm.joints
     judged = result.validation[1]
+    # a joint without any torque has no relative error
     worst = int(np.nanargmax(judged.every.relative))
     groups = [
         _group(validation, a, b, k)
+        # what was held out comes first
         for validation in result.validation[::-1]
         for k, (a, b) in _spans(validation)
     ]
@@ -174,6 +183,7 @@ def payload(result: Identification) -> dict[str, Any]:
         "worst": worst,
         "slides": list(result.case.arm.sliding),
         "groups": groups,
+        # a logarithmic axis has no zero
         "spectrum": [
             float(x) for x in np.maximum(result.determined.singular_values, FLOOR)
         ],
@@ -185,6 +195,7 @@ def payload(result: Identification) -> dict[str, Any]:
 
 def _update(result: Identification) -> list[dict[str, Any]]:
     """What a partial update did to each base parameter, as torque [N m]; empty of other estimators."""
+    # only a partial update leaves some parameters where they were
     if result.moved is None:
         return []
     nominal = result.base.of(result.columns.nominal(result.choice.law))
@@ -218,6 +229,7 @@ def _group(validation: Validation, a: int, b: int, number: int) -> dict[str, Any
                 validation.velocity,
             )
         )
+        # peaks of the torque and of what is left
         keep = keep_extremes([torque, torque - predicted], POINTS)
         dots = np.unique(np.linspace(0, b - a - 1, min(b - a, DOTS)).astype(int))
         joints.append(
@@ -285,9 +297,11 @@ def joints(document: dict[str, Any]) -> dict[str, Any]:
 
 def friction(document: dict[str, Any]) -> dict[str, Any]:
     """Rotor inertia, friction and offset: a column each, a row per joint and coupled motor."""
+    # names are a symbol and a joint: b4, or of a coupled motor b6m
     found = {p["name"]: p for p in document["parameters"]}
     slides = joint_slides(document)
     labels = [str(j + 1) for j in range(len(document["arm"]["joints"]))]
+    # coupled motors, such as b6m
     labels += sorted(
         {
             name.lstrip("Ibcd")
@@ -295,6 +309,7 @@ def friction(document: dict[str, Any]) -> dict[str, Any]:
             if name.endswith("m") and name[0] in "Ibcd"
         }
     )
+    # columns that some row fills
     shown = [
         entry
         for entry in _FRICTION
@@ -406,6 +421,7 @@ def summary(result: Identification) -> Group:
     Before them, if the nominal arm predicts what was held out better, that it does.
     """
     found = [row for row in result.table if row.verdict == FOUND]
+    # what a row says already is not said twice
     warnings = [text for text in result.warnings if not _repeats(text, found)]
     lines = [
         *_facts(result),
@@ -414,6 +430,7 @@ def summary(result: Identification) -> Group:
         *(f"warning: {shortened(warning)}" for warning in warnings),
     ]
     first = [f"warning: {text}" for text in warnings if text.startswith(WORSE)]
+    # this one stands above the table
     rest = [line for line in lines if WORSE not in line]
     # relative error of the torque per joint, before and after, on fitted and held-out samples
     fit, held_out = result.validation
@@ -463,6 +480,7 @@ def shortened(warning: str, limit: int = MAX_WARNING) -> str:
     """The first clauses of a warning, as many as ``limit`` characters hold, or words of the first clause."""
     first, *others = warning.split("; ")
     kept = first
+    # whole clauses: half a sentence says something else
     for clause in others:
         if len(kept) + 2 + len(clause) > limit:
             break
@@ -487,6 +505,7 @@ def _on_joints(joints: tuple[int, ...]) -> str:
 
 
 def _percent(value: float) -> str:
+    # only nan differs from itself
     is_nan = value != value
     return "–" if is_nan else f"{100 * value:.1f}"
 
@@ -524,6 +543,7 @@ def write_identification(
     Raises:
         GapscopeError: no physically consistent parameters were found, or a file cannot be written.
     """
+    # first what may fail: bodies that no arm can have
     text = urdf_text(result.case.arm, identified_bodies(result))
     with atomic_write(folder / URDF) as aside:
         aside.write_text(text, encoding="utf-8")
@@ -537,6 +557,7 @@ def write_identification(
     write_base(result, folder / BASE)
     content = document(result, FILES)
     render(result, content, folder / REPORT)
+    # last: with it the results are whole
     write_document(content, folder / DOCUMENT, "identification")
     names = (REPORT, DOCUMENT, CASE, URDF, EFFECTS, BASE)
     return tuple(folder / name for name in names)

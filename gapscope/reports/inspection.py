@@ -74,6 +74,7 @@ def _over_time(found: Inspection, number: int) -> Iterator[Panel]:
         if series is not None:
             t, values, unit = series
             step = -(-len(t) // POINTS)
+            # values that no unit explains would flatten all others
             drawn = np.where(np.abs(values) < LARGEST, values, np.nan)
             yield Panel(f"{name} [{unit}]", t[::step], drawn[::step])
 
@@ -82,11 +83,13 @@ def _spectra(found: Inspection, number: int) -> Iterator[Panel]:
     """Amplitude spectral densities of what moves and of the torque."""
     for channel, name in (("q", "position"), ("tau", "torque")):
         series = _series(found, number, channel)
+        # one of them would fill the whole spectrum
         if series is None or not (np.abs(series[1]) < LARGEST).all():
             continue
         t, values, unit = series
         rate = 1.0 / float(np.median(np.diff(t)))
         frequency, power = welch(values, rate, nperseg=min(len(t), 1024), axis=0)
+        # without frequency zero, which a logarithmic axis does not have
         yield Panel(
             f"spectrum of {name} [{unit}/√Hz]",
             frequency[1:],
@@ -116,6 +119,7 @@ def write_picture(
     all_axes = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
     for axes, panel in zip(all_axes, panels, strict=True):
         for j, curve in enumerate(panel.curves.T):
+            # more joints than colours
             style = "-" if j < len(COLOURS) else "--"
             axes.plot(
                 panel.x,
@@ -157,6 +161,7 @@ def write_page(path: Path, found: Inspection, checked: Sequence[Remark]) -> None
         GapscopeError: the file cannot be written.
     """
     tables = tables_of(found, checked)
+    # made last, read first
     wrong = tables.pop()
     wrong = replace(wrong, note="" if wrong.rows else "Nothing.")
     sections = [wrong, *tables, *_plots(found)]
@@ -187,6 +192,7 @@ def tables_of(found: Inspection, checked: Sequence[Remark]) -> list[PageSection]
 def facts_of(found: Inspection) -> str:
     """Formats, recordings, rates and durations in a sentence."""
     formats = ", ".join(sorted({log.format for log in found.logs}))
+    # the time of the first table stands for the recording
     times = [next(iter(entry.values())).time for entry in found.entries]
     rates = sorted({f"{time.rate:.4g}" for time in times}, key=float)
     durations = [float(time.seconds[-1]) for time in times]
@@ -210,6 +216,7 @@ def channel_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
         time.unit or f"rows at {time.rate:.4g} Hz",
         time.why,
     )
+    # a channel has one unit: that of slides only if nothing turns
     slides = found.arm is not None and all(found.arm.sliding)
     for channel, (_, guess) in found.chosen.items():
         unit = joint_unit(guess.unit, slides)
@@ -237,6 +244,7 @@ def joint_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
     series = [(t.time.seconds, guess) for t in tables if (guess := t.best("q"))]
     units = [series[0][1].unit] * series[0][1].group.width
     if found.arm is not None:
+        # columns beyond the joints of the arm keep the unit of the log
         units[: found.n_joints] = units_of(units[0], found.arm.sliding)
     for j, (name, unit) in enumerate(zip(names_of(found), units, strict=True)):
         columns = [guess.group.values[:, j] for _, guess in series]
@@ -251,6 +259,7 @@ def joint_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
 def names_of(found: Inspection) -> list[str]:
     """Names of the joints: those of the columns, or numbers."""
     group = found.chosen["q"][1].group
+    # columns may carry names of joints, or only numbers
     if group.by_name:
         return list(group.labels)
     return [f"J{j + 1}" for j in range(group.width)]

@@ -27,6 +27,7 @@ TO_MRAD = 1e3
 
 def error_text(interval: Mapping[str, float | None]) -> str:
     """``3.2 mrad (3.0..3.4)``; of a slide a radian stands for a metre."""
+    # an infinite error is null in a document
     if interval["value"] is None or not np.isfinite(interval["value"]):
         return "diverged"
     low, value, high = (
@@ -38,6 +39,7 @@ def error_text(interval: Mapping[str, float | None]) -> str:
 
 def sentence(content: Mapping[str, Any]) -> str:
     """What matters most and least, beside the errors without and with all effects."""
+    # rows come with what matters most first
     first, last = content["rows"][0], content["rows"][-1]
     text = (
         f"Tracking error of {error_text(content['nominal']['error'])} without effects and "
@@ -61,6 +63,7 @@ def table(content: Mapping[str, Any]) -> PageSection:
         for name, known in row["range"].items():
             low, high = np.min(known["low"]), np.max(known["high"])
             factor, unit = display_unit(known["unit"], float(np.abs(high)))
+            # one number if both ends are the same
             ends = dict.fromkeys((f"{factor * low:.3g}", f"{factor * high:.3g}"))
             values.append(f"{name} {' to '.join(ends)} {unit}".strip())
         success = (row[key]["success"]["value"] for key in ("alone", "without"))
@@ -89,6 +92,7 @@ def write_page(content: Mapping[str, Any], path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
+    # bars are drawn upwards: the first row comes to the top
     rows = content["rows"][::-1]
     series = [[row["matters"][key] for row in rows] for key in ("low", "value", "high")]
     low, value, high = TO_MRAD * np.array(series, dtype=float)

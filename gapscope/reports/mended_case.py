@@ -107,6 +107,7 @@ def write_mended_case(
     Raises:
         GapscopeError: a file cannot be written.
     """
+    # a case without faults must not lie beside one that was mended
     for name in (CASE, URDF):
         (folder / name).unlink(missing_ok=True)
     mended = mending(faults, case)
@@ -114,6 +115,7 @@ def write_mended_case(
         return ()
     reading = mended.after(Reading.identity(case.arm.n_joints))
     source = case_file()
+    # paths count from the folder of the new file
     content = moved(read_case_file(source), source.parent, folder)
     content["name"] = f"{content['name']} mended"
     written = [folder / CASE]
@@ -124,6 +126,7 @@ def write_mended_case(
     if mended.reason("controller"):
         at_work = reading.controller(case.controller)
         assert at_work is not None
+        # all gains: those of joints without a fault are the declared ones
         gains = {g.name: getattr(at_work, g.name).tolist() for g in at_work.gains}
         content["controller"] = {**content["controller"], **gains}
     with atomic_write(folder / CASE) as aside:
@@ -131,10 +134,12 @@ def write_mended_case(
         lines = [f"# {source.name}, with what gapscope diagnose found wrong put right"]
         lines += [f"# left to every diagnosis: {fault}" for fault in mended.others]
         section = dict(content.pop("import", None) or {})
+        # what the file mends already comes first, then what was found
         before = Reading.from_mend(
             section.pop("mend", None) or {}, case.arm.n_joints, source
         )
         mend = mended.after(before).to_mend()
+        # null: the channel is not read
         section |= {name: None for name in UNREAD if mended.reason(name)}
         for key, value in content.items():
             lines += _entry(key, value, mended.reason(key))
@@ -154,6 +159,7 @@ def write_mended_case(
 
 def _entry(key: str, value: Any, why: str) -> list[str]:
     """Lines of a key with its value, a mapping over several, and why it was changed."""
+    # an empty mapping has no lines to spread over
     if not isinstance(value, dict) or not value:
         return [f"{key}: {flow(value)}{_comment(why)}"]
     inner = [f"  {name}: {flow(part)}" for name, part in value.items()]
@@ -171,6 +177,7 @@ def _write_urdf(arm: NominalArm, reading: Reading, path: Path) -> None:
     root = ET.fromstring(shifted)
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")
+        # packages and absolute paths are found from anywhere
         if name and "://" not in name and not Path(name).is_absolute():
             there = arm.urdf.resolve().parent / name
             mesh.set("filename", os.path.relpath(there, path.resolve().parent))

@@ -53,11 +53,14 @@ def environment() -> jinja2.Environment:
     """Templates of all pages with their filters; everything is escaped unless a template file says otherwise."""
     made = jinja2.Environment(
         loader=jinja2.FunctionLoader(_read),
+        # names of cases, joints and files come from others
         autoescape=True,
+        # a name that a template lacks is an error, not a blank
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    # scripts and styles of the package itself need no escaping
     made.globals["embed"] = lambda name: Markup(_read(name))
     made.globals["plotly"] = _plotly
     made.filters |= {
@@ -140,6 +143,7 @@ class PageSection:
 
     def on_terminal(self, **style: Any) -> Table:
         """The table on a terminal, its texts to the left and numbers to the right."""
+        # as plain text: brackets in names are no markup
         texts = [[Text(cell, overflow="fold") for cell in row] for row in self.rows]
         left = 1 if self.numbers else len(self.heads)
         return terminal_table(self.heads, texts, left, title=self.title, **style)
@@ -223,6 +227,7 @@ def panels_figure(
                 y=_rounded(curve),
                 name=joints[j],
                 legendgroup=str(j),
+                # one entry for a joint, which switches it in all panels
                 showlegend=row == 1,
                 line={
                     "color": COLOURS[j % len(COLOURS)],

@@ -49,6 +49,7 @@ def sentence(rows: Sequence[Row]) -> str:
     counts = [sum(row["outcome"] == key for row in rows) for key in OUTCOMES]
     found, confused, missed = counts
     text = f"Of {len(rows)} effects put in {found} are found, {confused} taken for something else, {missed} missed"
+    # at this size the forecast can be held against what was found
     likely = [
         row["outcome"] == "found" for row in rows if row["chance"] == "nine_of_ten"
     ]
@@ -63,6 +64,7 @@ def table(content: Mapping[str, Any]) -> PageSection:
     """A row for each effect that was put in."""
     rows = []
     for row in content["rows"]:
+        # both in the unit that suits what was put in
         factor, unit = display_unit(row["unit"], row["size"])
         unit = "" if row["unit"] == "1" else f" {unit}"
         said = MISSING
@@ -102,7 +104,9 @@ def write_page(content: Mapping[str, Any], path: Path) -> None:
         GapscopeError: the file cannot be written.
     """
     figure = subplots(1)
+    # each outcome is a trace, so that the legend names it
     for outcome, colour in OUTCOMES.items():
+        # a diagnosis that failed says no value
         rows = [row for row in content["rows"] if row["outcome"] == outcome]
         places = [
             f"{effect_name(r['effect'])} {r['joint'] or ''}, {CHANCES[r['chance']]}"
@@ -117,6 +121,7 @@ def write_page(content: Mapping[str, Any], path: Path) -> None:
             marker={"color": colour, "size": 9},
             name=outcome,
         )
+    # a value that is right lies on this line
     figure.add_vline(x=1.0, line_dash="dot")
     figure.update_xaxes(
         title="value said, with its 95 % interval, over what was put in"

@@ -41,6 +41,7 @@ def facts(content: Mapping[str, Any]) -> str:
     parts = []
     for key, words in (("fitted", "trained on"), ("judged", "judged on")):
         seconds = sum(one["seconds"] for one in content[key])
+        # several pieces of a recording name it once
         names = ", ".join(dict.fromkeys(one["recording"] for one in content[key]))
         parts.append(f"{words} {seconds:.1f} s ({names})")
     return "; ".join(parts)
@@ -52,6 +53,7 @@ def joint_sentence(joint: Mapping[str, Any]) -> str:
         f"{FORMS[form]} {percent(closed)}"
         for form, closed in joint["closed_in_validation"].items()
     )
+    # a network that closes nothing on unseen motion says nothing
     if joint["form"] is None:
         return (
             "The network is silent here: no form closes enough of every recording that it did not see "
@@ -73,6 +75,7 @@ def physics_sentence(content: Mapping[str, Any]) -> str:
     }[physics["kept_apart_from"]]
     closed = physics["closed_by_apart"]
     tried = ""
+    # of one way alone there was no choice to tell of
     if len(closed) > 1:
         shares = [f"{percent(share)} apart from {way}" for way, share in closed.items()]
         tried = f"Of what was held out networks close {', '.join(shares)}: this one is kept apart from {of}. "
@@ -128,6 +131,7 @@ def _table(content: Mapping[str, Any]) -> PageSection:
     rows = []
     for number, joint in enumerate(content["joints"], 1):
         left = joint["rmse"]
+        # where nothing is left nothing can be closed
         squares = (left["network"] / left["nothing"]) ** 2 if left["nothing"] else 1.0
         values = [f"{left[key]:.3g}" for key in ("nothing", "network", "trees")]
         name, form = f"J{number} {joint['name']}", joint["form"] or "silent"
@@ -178,6 +182,7 @@ def _figure(joint: Mapping[str, Any]) -> Figure:
                 mode=mode,
                 name=name,
                 legendgroup=name,
+                # each name once for all panels
                 showlegend=name not in named,
                 marker=dots,
                 line={"color": colour, "width": 2},
@@ -219,6 +224,7 @@ def write_learnt(
     Raises:
         GapscopeError: a file cannot be written, or the package onnx is wanted and not installed.
     """
+    # the one to open comes first
     files = {"report": REPORT, "corrected": CORRECTED, "network": NETWORK}
     if onnx:
         from gapscope.ident.residual.export import onnx_model

@@ -68,6 +68,7 @@ def write_mcap(scene: Scene, path: Path) -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
+    # messages as ROS 2 defines them, without ROS installed
     store = get_typestore(Stores.ROS2_HUMBLE)
     with atomic_write(path) as aside, folder_aside(path) as folder:
         bag = folder / "scene"
@@ -80,23 +81,27 @@ def write_mcap(scene: Scene, path: Path) -> None:
                     )
                 data = store.serialize_cdr(message, message.__msgtype__)
                 writer.write(topics[topic], stamp, data)
+        # the writer makes a folder with one file, which is what is wanted
         (file,) = bag.glob("*.mcap")
         move(file, aside)
 
 
 def _messages(scene: Scene, types: Any) -> Iterator[Message]:
     """Everything in the scene, in the order of time."""
+    # each stream is in order: merged as they come, never all in memory
     return heapq.merge(*_streams(scene, types), key=lambda message: message[1])
 
 
 def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
     """The messages of each topic."""
+    # viewers expect a URDF here; with MJCF the links move without a body
     if scene.arm.urdf.suffix != ".xml":
         text = scene.arm.urdf.read_text(encoding="utf-8")
         start = _nanoseconds(scene.t[0])
         described = types["std_msgs/msg/String"](data=text)
         yield [("/robot_description", start, described)]
     series = {"recorded": scene.recorded, "predicted": scene.predicted}
+    # what remains asks for a recorded torque
     if scene.recorded is not None:
         series["remaining"] = scene.recorded - scene.predicted
     for name, torque in series.items():
@@ -106,6 +111,7 @@ def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
     yield _poses(scene.arm, scene.t, scene.q, "", types)
     if scene.simulated is not None:
         t, q = scene.t, scene.simulated
+        # a message may leave out the efforts
         silent = np.empty((len(t), 0))
         yield _states("/simulated/joint_states", scene.arm, t, q, silent, types)
         yield _poses(scene.arm, t, q, SIMULATED, types)
@@ -120,6 +126,7 @@ def _states(
     types: Any,
 ) -> Iterator[Message]:
     """Joint states at every sample."""
+    # of the positions: not every log has velocities
     speed = np.gradient(q, t, axis=0)
     for k in range(len(t)):
         header = _header(t[k], BASE, types)
@@ -139,6 +146,7 @@ def _poses(
     for k, moment in enumerate(t[::step]):
         header = _header(moment, BASE, types)
         transforms = []
+        # all against the base, so that no chain has to be known
         for link, name in enumerate(poses.names):
             place = types["geometry_msgs/msg/Vector3"](*poses.positions[k, link])
             turn = types["geometry_msgs/msg/Quaternion"](*poses.quaternions[k, link])

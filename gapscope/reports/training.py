@@ -65,6 +65,7 @@ def _figure(trained: Trained) -> Figure:
     figure = subplots(1, 2, subplot_titles=("joint error [mrad]", "reward per action"))
     best = trained.curve[trained.best].steps
     for (arm, name), colour in zip(ARMS.items(), COLOURS, strict=False):
+        # without hidden effects there is one arm only
         points = [point for point in trained.curve if getattr(point, arm) is not None]
         # the agent that is kept is marked
         sizes = [KEPT_MARKER if point.steps == best else MARKER for point in points]
@@ -72,6 +73,7 @@ def _figure(trained: Trained) -> Figure:
             scores = [getattr(getattr(point, arm), measure) for point in points]
             figure.add_scatter(
                 x=[point.steps for point in points],
+                # where the arm diverged the line has a gap
                 y=[factor * score if isfinite(score) else None for score in scores],
                 mode="lines+markers",
                 marker={"size": sizes, "color": colour},

@@ -95,6 +95,7 @@ def write_page(
 def _margins(found: Excitation) -> Iterator[list[str]]:
     """Rows of the table of margins: one number per joint, or one for the whole arm."""
     for margin in found.margins:
+        # a margin of the whole arm is one number
         least = np.atleast_1d(margin.margin)
         limits = np.atleast_1d(margin.limit)
         pairs = zip(least, limits, strict=True)
@@ -124,6 +125,7 @@ def summary(found: Excitation, plan: ExcitationPlan) -> list[str]:
     if found.left_out:
         pairs = ", ".join(f"{a} / {b}" for a, b in found.left_out)
         lines.append(f"not checked, as they touch by construction: {pairs}")
+    # a missing margin means that nothing was looked at
     if not any(margin.name == "distance" for margin in found.margins):
         lines.append("collisions were not checked")
     return lines
@@ -188,6 +190,7 @@ def write_trajectory(
     slow_path = path.with_name(f"{path.stem}_slow.csv")
     page = path.with_suffix(".html")
     full = Sampled(found.motion)
+    # all files get their names together, once all of them are checked
     with ExitStack() as stack:
         paths = _write_checked(stack, full, 1.0, found, arm, plan, path)
         write_page(found, arm, plan, stack.enter_context(atomic_write(page)))

@@ -18,6 +18,7 @@ def truth_table(
     """Truth and findings side by side, one row per parameter and joint."""
     hidden_values, found_values = _values(truth), _values(found)
     rows = []
+    # what was missed and what was invented have rows, too
     for number in hidden_values | found_values:
         values = [hidden_values.get(number), found_values.get(number)]
         # all in the one unit that suits the largest
@@ -52,6 +53,7 @@ def _values(effects: Sequence[AppliedEffect]) -> dict[Number, float]:
         for applied in effects
     ]
     return {
+        # without its value a number is the same in truth and finding
         number._replace(value=None): float(number.value or 0.0)
         for entry in entries
         for number in numbers_of(entry)

@@ -50,10 +50,12 @@ def instrumented(
     left, right = np.zeros((size, size)), np.zeros(size)
     # errors of the bodies follow the columns of the terms; their prior keeps them small
     prior = made.prior[:bodies]
+    # a prior of zero: that parameter has no error
     told = np.flatnonzero(prior > 0)
     left[size - bodies + told, size - bodies + told] = prior[told] ** -2.0
     for j, (x, z) in enumerate(zip(measured, instruments, strict=True)):
         noise2 = fit.contrast.error.noise2[j]
+        # instruments on the left, measured columns on the right: no symmetric matrix
         left += z.T @ x / noise2
         right += z.T @ gap[:, j] / noise2
     some = np.r_[0 : size - bodies, size - bodies + told]
@@ -65,6 +67,7 @@ def instrumented(
         )
     except np.linalg.LinAlgError:
         return {}
+    # terms come first; the errors of the bodies behind them are of no interest
     ends = np.cumsum([len(x) for x in values.values()])
     parts = np.split((scale * scaled)[: ends[-1]], ends[:-1])
     return {
@@ -83,6 +86,7 @@ def _columns(
     _, moved = about(made, searching.arm, values)
     out = []
     for j, (x, active) in enumerate(zip(made.columns, made.active, strict=True)):
+        # columns that never act on a joint are zero there
         whole = np.zeros((len(x), made.size))
         whole[:, active] = x
         own = [
@@ -97,6 +101,7 @@ def _commanded(recordings: Sequence[Recording]) -> list[Recording] | None:
     """The recordings with the commanded motion instead of the measured one; ``None`` if it is not known."""
     out = []
     for recording in recordings:
+        # without its commands a recording would have rows in X and none in Z
         if recording.q_ref is None:
             return None
         out.append(replace(recording, q=recording.q_ref, dq=recording.dq_ref))

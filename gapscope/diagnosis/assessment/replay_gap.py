@@ -75,6 +75,7 @@ def replay_gap(
         recording: the recording, or a part of one.
         effects: the effects found, by their names in findings, with values from elsewhere.
     """
+    # joints on springs or with play take small steps
     compliant = any(not e.effect.locally_linear for e in effects.values())
     recording, by = _shortened(case, recording)
     nothing, everything = (), tuple(effects)
@@ -86,11 +87,13 @@ def replay_gap(
 
     warnings = []
     for arm, names in (("nominal", nothing), ("corrected", everything)):
+        # only the two arms of the report are worth a warning
         why = attempted(names).why
         if why:
             warnings.append(f"{recording.name}: no replay of the {arm} arm: {why}")
     # With one effect found, the sets of only and without are those of after and before: the cache replays each once.
     each = () if compliant else everything
+    # two engines that agree show that the gap is no artefact of one of them
     differs = default_engine() != SECOND_OPINION and installed(SECOND_OPINION)
     others = [SECOND_OPINION] if differs else []
     before, after = attempted(nothing).rmse, attempted(everything).rmse
@@ -158,9 +161,11 @@ def attempt(
 
 def _shortened(case: Case, recording: Recording) -> tuple[Recording, str]:
     """A recording shortened to what computing time allows, and what moves the arm in its replay."""
+    # with known commands the loop runs as it did; else the recorded torque does
     if case.controller is not None and recording.q_ref is not None:
         by, rate = "controller", case.controller.rate
     else:
+        # a slow log is simulated in shorter steps, which count as ticks
         by, rate = "torque", max(recording.rate, 1.0 / LONGEST_STEP)
     end = recording.t[0] + REPLAYED_TICKS / rate
     return recording.part(recording.t <= end), by

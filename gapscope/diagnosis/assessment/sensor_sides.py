@@ -102,9 +102,11 @@ def find_sides(
         _side_gaps(arm, body, sensed, readings) for arm in (nominal, corrected)
     )
     sides, above, n = {}, [], len(scale)
+    # columns of the gap: all joints on the actuator's side, then on the link's
     for side, own in (("actuator", slice(0, n)), ("link", slice(n, None))):
         gap = TorqueGap(after.measured[:, own], after.predicted[:, own], after.edges)
         found = unknown(gap, stack(sensed), np.ones_like(gap.error), scale)
+        # what follows the motion has a cause; the rest is the floor
         floor2 = np.maximum(gap.rmse**2 - found.follows2, MIN_FLOOR**2) / scale**2
         given = before.rmse[own] / scale
         above.append(carries(given, np.sqrt(floor2)))
@@ -159,10 +161,12 @@ def _fitted_errors(
     segment = np.repeat(np.arange(len(gaps)), [len(g) for g in gaps])
     out = np.zeros((3, n))
     for j in range(n):
+        # zero, scale and lag of one sensor lie n columns apart
         own = x[:, j, j::n]
         left, noise2 = gap[:, j], float((gap[:, j] ** 2).mean())
         # rows count as the noise that is left about what they tell
         for _ in range(2):
+            # columns are over the spread of each error: its prior is of unit size
             value = np.linalg.solve(
                 own.T @ own / noise2 + np.eye(3), own.T @ left / noise2
             )

@@ -130,6 +130,7 @@ class Document:
 
     def open_joints(self) -> list[int]:
         """Joints, from 1, with something unknown."""
+        # zero where nothing is unknown
         return [int(j) + 1 for j in np.flatnonzero(self.unknown2())]
 
     def knows_most(self) -> bool:
@@ -152,6 +153,7 @@ class Document:
         known = self._known
         repaired = known.nrmse(known.before)
         faults = self._prepared.faults
+        # the gap with all faults in it; without faults nothing was put right
         recorded = [f.gap_before for f in faults if f.gap_before is not None]
         return GapStages(
             recorded=recorded[0] if recorded else repaired,
@@ -171,6 +173,7 @@ class Document:
         found = [self._finding(name) for name in comparison.named]
         found = with_torques_turned(_by_share(found), self.arm().n_joints)
         here = with_faults(found, prepared.faults, gap)
+        # after the shares are one whole: another state has a gap of its own
         effects = with_states(
             here, prepared.states, comparison.terms, comparison.own_theta
         )
@@ -187,6 +190,7 @@ class Document:
             "schema": 1,
             "case": prepared.case.name,
             "verdict": reached,
+            # of another arm this is all that is said; else it is a warning, below
             **({"misread": doubt} if prepared.another_arm else {}),
             "gap": self._gap(),
             "effects": effects,
@@ -217,6 +221,7 @@ class Document:
     def reached(self) -> Verdict:
         """The verdict."""
         comparison, prepared = self._comparison, self._prepared
+        # a fault or a change is a cause as well as an effect
         found = comparison.named or prepared.faults or prepared.changes
         return self._verdict(found=bool(found or prepared.states.others))
 
@@ -241,18 +246,23 @@ class Document:
         comparison, known = self._comparison, self._known
         mine, applied = comparison.findings[name], comparison.change(name)
         own = np.asarray(sum(self._torque(one) for one in mine))
+        # the gap after holds what is named: it is put back to see the gap without it
         in_model = name in comparison.named
         only = known.before - own
         without = known.after + own if in_model else known.after
+        # what is only possible is judged as if it were there as well
         left = known.after if in_model else known.after - own
         probability = comparison.probabilities[name]
         alternatives = comparison.alternatives(name)
+        # what it closes of the square in each row
         closed = np.sqrt(np.clip(without**2 - left**2, 0.0, None))
         closed_first, closed_last = (
             float((known.nrmse(more) - known.nrmse(less)).sum())
             for more, less in ((known.before, only), (without, left))
         )
+        # an effect without joints is shown where it closes most
         joints = list(applied.joints) or _most_closed(closed)
+        # one region for each joint: where this finding acts most
         places = regions(closed, self._rows, self.load(), joints, most=1)
         entry = {
             "effect": applied.name,
@@ -274,6 +284,7 @@ class Document:
             **self._significance(name),
         }
         further = self.effect_entry(name)
+        # both have entries here: torque gaps above, replay gaps in what is further
         for gap in ("gap_with_only_this", "gap_without_this"):
             entry[gap] |= further.pop(gap, {})
         return entry | further
@@ -302,6 +313,7 @@ class Document:
     def _carried_by(self, closed: np.ndarray) -> dict[str, Any]:
         """Shares of the squares that a finding closes, over the noise: by joint, and by recording."""
         comparison = self._comparison
+        # noise is over the scale of the torque: back to (N m)^2
         noise2 = comparison.fit.contrast.error.noise2 * comparison.rows.scale**2
         nats = closed**2 / noise2
         total = max(float(nats.sum()), 1e-300)
@@ -309,6 +321,7 @@ class Document:
         recordings: dict[str, float] = {}
         for k, name in enumerate(self._rows.names):
             share = float(nats[segments == k].sum()) / total
+            # segments of one recording add up, rounding not beyond one
             recordings[name] = min(recordings.get(name, 0.0) + share, 1.0)
         return {
             "joints": numbers(nats.sum(axis=0) / total),
@@ -324,14 +337,17 @@ class Document:
     def _widest_first(self) -> list[int]:
         """Joints, from 1, whose gap is above the floor by what is worth a search."""
         nrmse, floor = self.stages.repaired, self.stages.floor
+        # squares of independent parts add up
         above = nrmse**2 > floor**2 + UNKNOWN_TORQUE**2
         return [int(j) + 1 for j in np.argsort(-nrmse) if above[j]]
 
     def _context(self, reached: str) -> dict[str, Any]:
         """The arm, the recordings, how they were conditioned, and what was noticed."""
         comparison, prepared = self._comparison, self._prepared
+        # the warning is how a case says that its torque was worked out
         case, told = prepared.case, prepared.told is not None
         inferred = told or WARNING in case.warnings
+        # notes of recordings that judge concern the reader as well
         every = (*case.recordings, *case.judged)
         notes = [f"{r.name}: {note}" for r in every for note in r.notes]
         return {
@@ -374,7 +390,9 @@ class Document:
 def motion_rows(comparison: Comparison) -> MotionRows:
     """The rows on which the gap is measured, as what locates a gap takes them."""
     rows, mine = comparison.judged_on, comparison.explained.rows
+    # rows hold no accelerations of their own
     ddq = np.concatenate([rows.thin(s.motion.ddq, s) for s in rows.segments])
+    # a part of all segments may be looked at: these are counted from 0 again
     numbers_of, segment = np.unique(rows.segment[mine], return_inverse=True)
     own = [rows.segments[k] for k in numbers_of]
     first = [rows.t[mine][segment == k][0] for k in range(len(own))]
@@ -384,6 +402,7 @@ def motion_rows(comparison: Comparison) -> MotionRows:
         dq=rows.velocity[mine],
         ddq=ddq[mine],
         segment=segment,
+        # of the rows, which are thinned
         rates=tuple(s.motion.rate / rows.step(s) for s in own),
         names=tuple(s.recording for s in own),
         starts=tuple(float(t) for t in first),

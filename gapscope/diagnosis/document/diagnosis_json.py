@@ -41,6 +41,7 @@ def not_finite(value: Any, field: str = "") -> Iterator[Problem]:
 
 def inconsistencies(content: dict[str, Any]) -> Iterator[Problem]:
     """Fields of a document that fits its schema, but contradict each other."""
+    # the gap has one number per joint in every document: all else is held against it
     n = len(content["gap"]["before"]["torque_nrmse"])
     for field, node in _nodes(content):
         for key, problem in _of_entry(node, n) if isinstance(node, dict) else ():
@@ -72,11 +73,13 @@ def _of_entry(entry: dict[str, Any], n: int) -> Iterator[Problem]:
         largest = max((x for x in every if isinstance(x, int)), default=0)
         if largest > n:
             yield key, f"names joint {largest} of an arm with {n} joints"
+    # only effects have values for their joints
     if not {"effect", "share"} <= entry.keys():
         return
     for name, parameter in entry.get("parameters", {}).items():
         value, std = parameter["value"], parameter["std"]
         count, n_joints = _entries(value), len(entry["joints"])
+        # values of the arm or of a link have shapes of their own
         if n_joints and count != n_joints:
             given = "a number" if count is None else f"{count} entries"
             problem = f"is {given}, but the effect acts on {n_joints} joints"
@@ -99,6 +102,7 @@ def validate(document: Mapping[str, Any]) -> None:
     Raises:
         GapscopeError: a field is missing or has a wrong value; the message names the field.
     """
+    # as a file would hold it: arrays and tuples are lists
     first = next(_problems(plain(document)), None)
     if first is None:
         return

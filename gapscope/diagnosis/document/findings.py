@@ -73,6 +73,7 @@ LISTED_ALTERNATIVE = 1e-3
 
 def settled_by(finding: dict[str, Any]) -> str:
     """The recording that separates a possible effect from its likeliest alternative."""
+    # two names of one body: no recording tells them apart
     others = [o for o in finding["alternatives"] if not o.get("equivalent")]
     if others:
         return str(others[0]["separated_by"])
@@ -93,8 +94,10 @@ def at_middle_entry(applied: AppliedEffect, q: np.ndarray) -> dict[str, Any]:
     effect = CATALOGUE.get(applied.name)
     if effect is None or "rest" not in effect.quantities.values():
         return {}
+    # where a spring rests beyond what was recorded is hardly known
     range_of_joints = q[:, [joint - 1 for joint in applied.joints]]
     low, high = range_of_joints.min(axis=0), range_of_joints.max(axis=0)
+    # in the order of the catalogue
     stiffness, rest = applied.parameters.values()
     torque = stiffness * ((low + high) / 2 - rest)
     beyond = (rest < low) | (rest > high)
@@ -184,6 +187,7 @@ def with_faults(
     """
     rescaled = [_with_share_times(gap.physical_share, effect) for effect in effects]
     findings = rescaled + [_fault_finding(fault, gap) for fault in faults]
+    # what faults and effects close one by one does not add up: scaled to what all close
     total = sum(finding["share"] for finding in findings)
     if gap.closed is not None and total > 0:
         factor = gap.closed / total
@@ -202,6 +206,7 @@ def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
     only, without = fault.gap_with_only_this, fault.gap_without_this
     # A fault that cannot be simulated alone, such as quantisation, has no gaps of its own.
     if only is None:
+        # as if it changed nothing
         only = gap.recorded
     if without is None:
         without = gap.recorded
@@ -242,6 +247,7 @@ WRITTEN = (
 
 def _other_reading(fault: Fault, probability: float) -> dict[str, Any]:
     name, variant, joints = fault.kind
+    # no fault, but an effect that competed: the mounting tells, not the columns
     if isinstance(fault, TurnedBase):
         return _other_sign(name, [], probability)
     return {
@@ -268,6 +274,7 @@ def _with_its_equivalent(effect: dict[str, Any], n_joints: int) -> dict[str, Any
     # gravity along the base's axis that was upright, over the whole [1]
     if turn.rotation(*angles)[2, 2] > HANGING:
         return effect
+    # turned torques are those of all joints
     joints = list(range(1, n_joints + 1))
     other = _other_sign("sign_flip", joints, TURNED_TORQUES)
     return {**effect, "alternatives": [*effect["alternatives"], other]}
@@ -304,7 +311,9 @@ def with_states(
     if found is None or not others:
         return list(findings)
     differing = {term.effect for state in others for term in state.increments}
+    # the first state is the one that was diagnosed
     here = [found.recordings[k].name for k in found.states[0]]
+    # what all recordings share is said without naming any
     out = [
         {**f, "recordings": here, "elsewhere": []} if f["effect"] in differing else f
         for f in findings
@@ -319,6 +328,7 @@ def with_states(
                 "joints": list(applied.joints),
                 "parameters": _parameters(applied, state, terms, there),
             }
+            # found here with other values, or found only there
             twins = [f for f in out if f["effect"] == applied.name]
             if twins:
                 twins[0].setdefault("elsewhere", []).append(place)
@@ -334,6 +344,7 @@ def _parameters(
 ) -> dict[str, Any]:
     """Values at a place, and their deviations as far as they follow from what differs there."""
     variances = {n: np.zeros(applied.parameters[n].shape) for n in applied.given}
+    # terms without any value there make no effect
     mine = [t for t in terms.of(applied.name) if theta[list(t.columns)].any()]
     for term in mine:
         if term not in state.increments:
@@ -341,6 +352,7 @@ def _parameters(
         for column, deviation in zip(
             term.columns, state.increments[term].deviation, strict=True
         ):
+            # half of a central difference: parameters need not be linear in coordinates
             step = np.zeros(len(theta))
             step[column] = deviation
             (more,) = terms.effects(terms.clipped(theta + step), mine)
@@ -361,12 +373,14 @@ def _parameters(
 def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Finding:
     """Probability and gaps of an effect that the first state has not, in a recording that has it."""
     assert found.found is not None
+    # recordings of one state have the same of their own: the first stands for all
     fit, name = found.found.fit, state.place.recordings[0]
     number = next(k for k, r in enumerate(found.recordings) if r.name == name)
     rows = fit.contrast.design.rows
     mine = rows.of(number)
     left = rows.in_newton_metres(fit.left)[mine]
     every = state.increments.items()
+    # the gap that this recording would have in the first state
     whole = left + sum(x.torque for _, x in every)
     this = sum(x.torque for term, x in every if term.effect == applied.name)
 
@@ -381,6 +395,7 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
     ]
     return {
         "effect": applied.name,
+        # as sure as the surest of its joints
         "probability": max(1.0 - (line.p or 0.0) for line in differing),
         "gap_with_only_this": {"torque_nrmse": numbers(only)},
         "gap_without_this": {"torque_nrmse": numbers(without)},
@@ -421,6 +436,7 @@ def suggested_recording(
         return None
     if first:
         return f"{NOT_YET}first {first}, and diagnose again"
+    # a motor that the case lacks explains friction of two joints: that comes first
     if coupling is not None:
         return (
             f"{NOT_YET}first look whether one motor turns joints {coupling.joint} and {coupling.motor}, declare it in "
@@ -433,6 +449,7 @@ def suggested_recording(
             "what stays as large acts by position or is dry friction, what doubles with the speed is damping, and what "
             "grows with its square is inertia"
         )
+    # doubts about what is named come before what is only possible
     for findings in (effects, possible):
         rivals = [
             (rival["probability"], _kind(finding), rival)

@@ -49,6 +49,7 @@ def numbers_of(entry: Mapping[str, Any]) -> Iterator[Number]:
     effect, joints, parameters = entry["effect"], entry["joints"], entry["parameters"]
     link = int(parameters["link"]["value"]) if "link" in parameters else None
     names = [name for name in parameters if name != "link"]
+    # an effect without parameters still has its places
     if not names:
         for joint in joints or [None]:
             yield Number(effect, joint, link)
@@ -56,7 +57,9 @@ def numbers_of(entry: Mapping[str, Any]) -> Iterator[Number]:
         parameter = parameters[name]
         values = np.atleast_1d(np.array(parameter["value"], float))
         stds = np.broadcast_to(np.array(parameter["std"], float), values.shape)
+        # joints that turn and that slide have a unit each
         units = parameter.get("units") or [parameter["unit"]] * len(values)
+        # three values of the arm are x, y, z; of joints they are three joints
         vector = not joints and len(values) == 3
         for k, (value, std) in enumerate(zip(values, stds, strict=True)):
             yield Number(

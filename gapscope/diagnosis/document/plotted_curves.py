@@ -37,6 +37,7 @@ def located(
         segments: the rows of the gaps.
     """
     stages = []
+    # without effects the gap before is that after
     if document["effects"]:
         stages.append("before")
     if document["unexplained"]["above_floor"]:
@@ -62,6 +63,7 @@ def traces(
     for segment in segments:
         before = torque_gap(nominal, body, [segment])
         after = torque_gap(corrected, body, [segment])
+        # every so many-th row: the band of the gap allows that
         step = max(1, len(before.measured) // MAX_POINTS)
         out.append(
             Trace(
@@ -98,6 +100,7 @@ def signatures(
         if shown is not None and applied.name not in shown:
             continue
         others = tuple(e for e in corrected.effects if e is not applied)
+        # with all others in place: what overlaps is theirs
         without = torque_gap(CorrectedArm(corrected.arm, others), body, segments)
         explained = full.predicted - without.predicted
         for joint in _joints(applied, explained, without):
@@ -126,6 +129,7 @@ def _joints(applied: AppliedEffect, explained: np.ndarray, gap: TorqueGap) -> li
     if applied.joints and on_itself:
         return list(applied.joints[:7])
     rms = np.sqrt((explained**2).mean(axis=0))
+    # over what each torque varies by, or the strongest joints would always be shown
     relative = rms / np.maximum(gap.measured.std(axis=0), 1e-9)
     return sorted(int(j) + 1 for j in np.argsort(-relative)[:3])
 
@@ -146,8 +150,10 @@ def _axis(
         case "recorded torque":
             return "recorded torque", "N m", gap.measured[:, j]
         case "directed load":
+            # friction that grows with the load has its size and the sign of the motion
             load = np.abs(gap.measured[:, j]) * np.sign(rows.dq[:, j])
             return "load torque in the direction of motion", "N m", load
+        # time begins anew with each segment: the usual step is the period
         case "torque rate":
             period = np.median(np.diff(rows.t))
             rate = np.gradient(gap.predicted[:, j], period)

@@ -39,6 +39,7 @@ def with_slide_units(content: dict[str, Any], sliding: Sequence[bool]) -> Any:
     An entry with ``joint`` or ``joints`` is about those, and so is what it holds. A parameter of joints of both kinds
     has both units in ``unit``, and one for each value in ``units``.
     """
+    # nearly all arms: nothing to convert
     if not any(sliding):
         return content
     return _converted(content, sliding, ())
@@ -49,11 +50,14 @@ def _converted(node: Any, sliding: Sequence[bool], about: Sequence[bool]) -> Any
     if isinstance(node, list):
         return [_converted(each, sliding, about) for each in node]
     if isinstance(node, str):
+        # a text about joints of both kinds keeps its units: whose they are is not known
         return in_text(node) if about and all(about) else node
     if not isinstance(node, Mapping):
         return node
+    # an entry without joints of its own is about those of the entry around it
     about = _about(node, sliding) or about
     out = {
+        # units of values are done below, when all joints are known
         key: value if key == "unit" else _converted(value, sliding, about)
         for key, value in node.items()
     }
@@ -115,7 +119,9 @@ def misread(
             f"{much(off)} of the recorded one, and no ordinary load, friction or error of its links explains that",
             "check robot:, joints: and the units and columns of import:",
         )
+    # the same object unless the base is mounted turned
     if shown is not said:
+        # adding 0.0 makes -0.0 a plain zero
         found, given = ([round(float(x), 2) + 0.0 for x in g] for g in (shown, said))
         return (
             f"the torque shows gravity {found} m/s^2 in the frame of the base, the case says {given}: the base is "
@@ -242,6 +248,7 @@ def short_names(names: Sequence[str]) -> list[str]:
     """Names without what they share at both ends; empty strings if only the joint's number is left."""
     short = list(names)
     if len(short) > 1:
+        # the common beginning first; then, turned round, the common end
         for _ in range(2):
             letters = enumerate(zip(*short, strict=False))
             unlike = (k for k, each in letters if len(set(each)) > 1)
@@ -291,6 +298,7 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
         if "gravity" in effect and max(s or 0.0 for s in stds) > 0.5:
             # an angle that is not known to half a radian says nothing
             continue
+        # one prefix for all entries of a parameter: by the largest number in it
         largest = max((abs(v) for v in (*values, *stds) if v is not None), default=0.0)
         # joints that turn and that slide have a unit each
         units = parameter.get("units")
@@ -302,6 +310,7 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
         for place, (label, value, std) in enumerate(
             zip(labels, values, stds, strict=True)
         ):
+            # said below, by what the spring does within the range
             if name == "rest" and beyond[place] is not None:
                 continue
             shown_std = None if std is None else factor * std
@@ -330,6 +339,7 @@ def pulled_texts(effect: Mapping[str, Any]) -> list[str]:
     """Values by the commands as instruments that differ from those found by two deviations and a twentieth."""
     out = []
     for name, parameter in effect["parameters"].items():
+        # without a deviation no difference is significant
         if "by_commands" not in parameter or parameter["std"] is None:
             continue
         values = np.atleast_1d(parameter["value"]).tolist()
@@ -374,6 +384,7 @@ MAX_CAUSES = 3
 def verdict_sentence(document: Document) -> str:
     """The main cause, its share of the gap, and what stays; first, whether the recordings share a state."""
     states, cause = states_sentence(document), _cause_sentence(document)
+    # goes on after a colon
     if states and cause.startswith(("No", "The", "What")):
         cause = cause[0].lower() + cause[1:]
     return states + cause
@@ -394,6 +405,7 @@ def states_sentence(document: Document) -> str:
 
 def _differing(entry: Mapping[str, Any], recordings: Sequence[str]) -> str:
     """A quantity that differs, with its value in each recording."""
+    # a load has mass and place, not one value
     if any("first_moment" in each for each in entry["parameters"]):
         return _other_loads(entry, recordings)
     _, unit = display_unit(entry["unit"], 1.0)
@@ -498,6 +510,7 @@ def _causes(document: Document) -> str:
         verb = "is" if len(effects) == 1 else "are"
         return f"{listing(names)} {verb} found"
 
+    # the last of the places is that of the sum of all others
     shown = effects if len(effects) <= MAX_CAUSES else effects[: MAX_CAUSES - 1]
     first, *others = shown
     main = f"{with_amount(first)} explains {percent(first['share'])} of the gap"
@@ -543,6 +556,7 @@ def with_amount(entry: Mapping[str, Any]) -> str:
 def _amount(entry: Mapping[str, Any]) -> str:
     """The first parameter of an effect that the torque shows; nothing for several joints, axes or angles."""
     definition = known_effect(entry["effect"])
+    # a fault of the set-up, or what shows in no torque
     if definition is None or definition.parametrisation is None:
         return ""
     known = [values for name, values in entry["parameters"].items() if name != "link"]
@@ -550,6 +564,7 @@ def _amount(entry: Mapping[str, Any]) -> str:
         return ""
     first, *others = known
     values = first["value"] if isinstance(first["value"], list) else [first["value"]]
+    # one of several angles or lengths says too little by itself
     alike = any(other["unit"] == first["unit"] for other in others)
     if len(values) != 1 or alike:
         return ""
@@ -589,6 +604,7 @@ def sides_sentence(document: Document) -> str:
     carried = document["sides"]["carried_by"]
     parts = []
     for side in ("actuator", "link", "both"):
+        # joints of neither side are not listed
         joints = [joint for joint, where in enumerate(carried, 1) if where == side]
         if joints:
             on = "on both sides" if side == "both" else f"on the {side} side"
@@ -604,6 +620,7 @@ def nominal_friction_sentence(document: Document) -> str | None:
     if "nominal" not in document:
         return None
     friction = document["nominal"]["friction"]
+    # zeros are no statement: a data sheet without friction is silent
     if not any((*friction["coulomb"], *friction["viscous"])):
         return "none stated"
     parts = [
@@ -621,6 +638,7 @@ def presliding_sentence(document: Document) -> str | None:
     if not bent:
         return None
     slides, parts = joint_slides(document), []
+    # a thousandth of each: joints of both kinds count apart
     for sliding, unit in ((False, "mrad"), (True, "mm")):
         own = [joint for joint in bent if slides[joint - 1] == sliding]
         if own:

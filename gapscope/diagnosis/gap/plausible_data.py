@@ -99,6 +99,7 @@ def short_note(case: Case) -> tuple[str, ...]:
 
 def _moving_time(recording: Recording, per_radian: np.ndarray) -> float:
     """Time in which some joint is faster than dry friction needs to be known [s]."""
+    # from one row to the next noise looks like speed
     every = max(1, round(LOOK * recording.rate))
     steps = np.abs(np.diff(recording.q[::every], axis=0))
     spans = np.diff(recording.t[::every])
@@ -124,6 +125,7 @@ def _check_lone_positions(recording: Recording) -> None:
     ]
     span = high - low
     beyond = np.maximum(series - high, low - series)
+    # one that stands still has no span: then a share of the widest joint's
     allowed = LONE_POSITION * np.maximum(span, LONE_OF_OTHERS * span.max())
     if not (beyond > allowed).any() or not span.max():
         return
@@ -326,6 +328,7 @@ def _cut(
             continue
         first = changes[recording.name][0]
         if first.time - recording.t[0] >= MIN_UNCHANGED:
+            # the moment itself is known to an interval: none of that is used
             before = recording.t < first.interval[0]
             note = f"used up to {first.time:.2f} s only, since it changes there"
             kept.append(recording.part(before, notes=(*recording.notes, note)))

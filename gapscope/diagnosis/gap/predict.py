@@ -27,6 +27,7 @@ def predict_torque(corrected: CorrectedArm, recording: Recording) -> np.ndarray:
 def _predicted(corrected: CorrectedArm, recording: Recording) -> np.ndarray:
     """The torque of an arm in one state, (N, n)."""
     body = RigidBody(corrected.arm).carrying(recording.payload)
+    # a spline needs moments that differ; back restores every row
     t, first, back = np.unique(recording.t, return_index=True, return_inverse=True)
     motion = Recording(recording.name, t, recording.q[first])
     at_rest = np.zeros_like(motion.q)

@@ -43,7 +43,9 @@ def repeatability(
     """
     edges, scale = gap.edges, torque_scale(gap.measured)
     squares, rows, seconds = np.zeros(len(scale)), 0, 0.0
+    # each segment with itself as well: a motion may come twice in one
     for a, b in combinations_with_replacement(range(len(edges) - 1), 2):
+        # rows of other rates are rows of other moments
         if rates[a] != rates[b]:
             continue
         first, second = (slice(edges[k], edges[k + 1]) for k in (a, b))
@@ -52,9 +54,11 @@ def repeatability(
         ):
             one, other = _overlap(first, second, lag)
             apart = gap.predicted[one] - gap.predicted[other]
+            # on no joint may the model be asked something else
             if (np.sqrt((apart**2).mean(axis=0)) > floor).any():
                 continue
             change = gap.error[one] - gap.error[other]
+            # a difference of two gaps has twice the variance of one
             squares += (change**2).sum(axis=0) / 2.0
             rows += len(change)
             seconds += len(change) / rates[a]
@@ -69,19 +73,23 @@ def _lags(first: np.ndarray, second: np.ndarray, same: bool) -> Iterator[int]:
     count = min(len(first), len(second))
     shifts = np.arange(-(len(second) - 1), len(first))
     ones = [np.ones(len(x)) for x in (first, second)]
+    # how many rows overlap at each shift
     rows = np.round(correlate(ones[0], ones[1], method="fft"))
+    # sum of (x - y)^2 over what overlaps, for all shifts at once
     squares = sum(
         correlate(x**2, ones[1], method="fft")
         + correlate(ones[0], y**2, method="fft")
         - 2.0 * correlate(x, y, method="fft")
         for x, y in zip(first.T, second.T, strict=True)
     )
+    # a short overlap matches by chance
     apart = np.where(rows >= count / 2, squares / np.maximum(rows, 1.0), np.inf)
     if same:
         # of unlike series the squares are twice the variance of all joints, which are of unit size
         unlike = np.flatnonzero((shifts > 0) & (apart > first.var(axis=0).sum()))
         if not len(unlike):
             return
+        # negative shifts go with it: they are the same pairs
         apart[: unlike[0]] = np.inf
     if np.isfinite(apart).any():
         yield int(shifts[int(apart.argmin())])

@@ -51,14 +51,17 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
     """
     if not case.recordings:
         return ()
+    # stamps first: every filter and derivative rests on them
     stamps = find_stamps((*case.recordings, *case.judged))
     even = repaired(case, stamps)
     check_rates(even)
+    # then one clock: the search compares motion and torque row by row
     clock = find_torque_clock(select_windows(even))
     if clock is not None:
         stamps = (*stamps, clock)
         even = repaired(case, stamps)
     shown = faults_by_torque(select_windows(even))
+    # gaps are those of the case as it was read, stamps included
     return _with_gaps(select_windows(case), merged((*stamps, *shown)))
 
 
@@ -80,6 +83,7 @@ def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, 
     nominal, all_repaired = nominal_gap(case), nominal_gap(repaired(case, faults))
     out = []
     for k, fault in enumerate(faults):
+        # of a single fault these are known already
         only_this, without_this = all_repaired, nominal
         if len(faults) > 1:
             only_this = nominal_gap(repaired(case, (fault,)))
@@ -115,6 +119,7 @@ def is_another_arm(case: Case, faults: Sequence[FoundFault]) -> bool:
     gap = nominal_gap(mounted)
     if gap is None:
         return False
+    # a wrong load is as far off, but stays within what the drives give
     if rms(gap, None) > NO_TORQUE and _beyond_its_drives(mounted):
         return True
     # when the torque was recorded says nothing of bodies
@@ -146,6 +151,7 @@ def as_nominal_arm(
     if not is_another_arm(repaired(case, tuple(faults)), faults):
         return tuple(faults), False
     of_time = only_of_time(faults)
+    # without the other faults, which were found against bodies that do not fit
     right = select_windows(repaired(case, of_time))
     unit = unit_of_nominal_arm(right) if case.arm.n_joints == 1 else None
     if unit is None:
@@ -173,6 +179,7 @@ def nominal_gap(case: Case) -> np.ndarray | None:
 def _segments(case: Case) -> list[Segment]:
     """Segments of all recordings with a torque; none if they cannot be conditioned."""
     recordings = tuple(r for r in (*case.recordings, *case.judged) if r.tau is not None)
+    # stamps in another unit: filters cannot take such a rate
     if not recordings or min(r.rate for r in recordings) < PLAUSIBLE_RATES[0]:
         return []
     try:

@@ -79,6 +79,7 @@ class FaultSamples:
         """Recorded torque [N m] at the time of the samples plus a delay [s], of all joints or (n,); (M, n)."""
         last = len(self.later_tau) - 1
         joints = np.arange(self.q.shape[1])
+        # on a straight line between the shifts that were kept
         place = np.broadcast_to(
             np.minimum(delay / TORQUE_SHIFT_STEP, last), (len(joints),)
         )
@@ -109,6 +110,7 @@ def sample(segments: Sequence[Segment]) -> FaultSamples:
         np.concatenate(part, axis=axis)
         for part, axis in zip(zip(*parts, strict=True), (1, 1, 0), strict=True)
     )
+    # as many as the motion has, and no more than were taken
     independent = motion_samples(seconds, MOTION_INDEPENDENT_RATE)
     q, dq, ddq = motion
     return FaultSamples(q, dq, ddq, later_tau, min(independent, float(len(q))), load)
@@ -215,9 +217,11 @@ class ReadingEquations:
         torque = reading.torque
         source, factor = list(torque.source), np.array(torque.factor)
         joints = np.arange(len(source))
+        # in cross and products the gravity torques follow the recorded columns
         gravity = len(joints) + joints
         cross = self.cross[joints, :, source] * factor[:, None]
         square = self.products[source, source] * factor**2
+        # gravity is put back: (k tau + g)^2 = k^2 tau^2 + 2 k tau g + g^2
         if reading.gravity:
             cross = cross + self.cross[joints, :, gravity]
             pull = self.products[source, gravity] * factor
@@ -252,14 +256,17 @@ def reading_equations(
         still = np.zeros_like(q)
         nominal += _load_torque(body, regressor, samples.load)
         gravity += _load_torque(body, body.regressor(q, still, still), samples.load)
+    # springs pull about the mean position; the offset is a column of its own
     centred = q - q.mean(axis=0)
     # of the same rows, however fast they are said to be
     late = TURNING_LATE * reading.time_factor
     turned = np.tanh((dq - late * ddq) / (FAULT_SIGN_WIDTH * arm.per_radian))
     own = np.stack([nominal, ddq, sign, dq, centred, np.ones_like(q), turned], axis=2)
     bodies, load = inertial_scale(body), _load_std(body)
+    # columns in units of what each may be off by: the sums are better conditioned
     unit = np.maximum(np.hypot(bodies, load), 1e-9)
     level = pull @ _tilts(body)
+    # joints first: X_j is (M, D)
     x = np.concatenate([regressor * unit, level, own], axis=2).transpose(1, 0, 2)
     recorded = samples.torque(reading.recorded_delay if delay is None else delay)
     torques = np.concatenate([recorded, gravity], axis=1)
@@ -285,6 +292,7 @@ def _tilts(body: RigidBody) -> np.ndarray:
     size = float(np.linalg.norm(gravity))
     if size == 0:
         return np.zeros((3, 2))
+    # the right singular vectors but the first are across gravity
     across = np.linalg.svd(gravity[None] / size)[2][1:]
     return np.asarray(PRIOR_STD_TILT * size * across.T)
 
@@ -306,6 +314,7 @@ def _load_std(body: RigidBody) -> np.ndarray:
     mass = PRIOR_STD_LOAD * float(body.inertial_parameters()[::10].sum())
     lever = ORDINARY_ERROR * max(sum(link_lengths), 0.1)
     std = np.zeros((body.n_joints, 10))
+    # mass, three first moments, six second moments
     std[body.last_link] = [mass, *[mass * lever] * 3, *[mass * lever**2] * 6]
     return std.ravel()
 
@@ -358,6 +367,7 @@ def _evidence(
     torque = eq.read(reading)
     nominal = eq.nominal(bodies)
     predicted = (eq.gram @ nominal[..., None])[..., 0]
+    # |tau - X b|^2 = tau^2 - (2 X^T tau - X^T X b) b
     missing = torque.square - ((2 * torque.cross - predicted) * nominal).sum(axis=1)
     # all over the deviation of the torque read, per sample, and values over their largest deviations
     unit = eq.rows * torque.deviation**2
@@ -365,6 +375,7 @@ def _evidence(
     missing = missing / unit
     target = (torque.cross - predicted) / unit[:, None] * largest
     gram = eq.gram / unit[:, None, None] * largest[:, :, None] * largest[:, None]
+    # as declared: the column of the scale is made of these in each round
     nominal_gram, first = gram.copy(), target.copy()
     lowest, group = _lowest(eq, largest), _groups(eq)
     size, scale = np.ones(len(group)), eq.shared
@@ -386,18 +397,21 @@ def _evidence(
         own_side = weighted[:, scale:].ravel()
         right = np.concatenate([weighted[:, :scale].sum(axis=0), own_side])
         found = bounded_minimum(information, right, lowest, covariance @ right)
+        # shared values are the same on every joint, its own follow
         shared = np.tile(found[:scale], (len(gram), 1))
         values = np.hstack([shared, found[scale:].reshape(-1, OWN)])
         explained = 2 * target - (gram @ values[..., None])[..., 0]
         left = np.maximum(missing - (explained * values).sum(axis=1), 0.0)
         moved[:scale] = ORDINARY_ERROR * found[:scale]
         before = size
+        # how far each value is told by the data: 1 - posterior over prior variance
         told = 1.0 - np.diag(covariance) / size**2
         square = np.bincount(group, found**2) / np.bincount(
             group, np.maximum(told, 1e-9)
         )
         size = np.sqrt(np.clip(square, LEAST_SIZE**2, 1.0))[group]
     fit = np.log(noise) + (left + ORDINARY_GAP**2) / noise
+    # over the sizes with which the information was summed, not those after it
     spread = np.linalg.slogdet(information * np.outer(before, before))[1]
     return -0.5 * float(
         eq.independent * fit.sum() + spread + ((found / before) ** 2).sum()
@@ -406,6 +420,7 @@ def _evidence(
 
 def _groups(eq: ReadingEquations) -> np.ndarray:
     """Number of the size that each unknown has, (P,): of a link's inertials, of the tilt, and its own."""
+    # ten parameters of each link, then the two angles of the tilt
     n = len(eq.deviation)
     shared = np.repeat(np.arange(n + 1), [*[10] * n, 2])
     return np.concatenate([shared, n + 1 + np.arange(n * OWN)])
@@ -564,6 +579,7 @@ class ReadingScorer:
     def gravity_turn(self, reading: Reading) -> tuple[float, float] | None:
         """Roll and pitch [rad] of the base that the torque shows under a reading which does not turn it yet."""
         body = self._body(reading)
+        # a torque without gravity in it shows no direction
         if body is None or not body.gravity.any() or reading.gravity:
             return None
         q, dq, ddq = reading.true_motion(
@@ -572,6 +588,7 @@ class ReadingScorer:
         tau = reading.torque(self.samples.torque(reading.recorded_delay))
         regressor = body.gravity_regressor(q)
         needed = body.inverse_dynamics(q, dq, ddq) + self.arm.armature * ddq
+        # what is left is what gravity gives, in whatever direction it points
         without_gravity = tau - needed + regressor @ body.gravity
         found = gravity_by_torque(without_gravity, regressor, dq, torque_deviation(tau))
         return turn_of_base(body.gravity, found)
@@ -583,6 +600,7 @@ class ReadingScorer:
             body = self._body(reading)
             if body is None:
                 return None
+            # a dictionary keeps its order: the first key is the oldest
             if len(self._equations) > KEPT_EQUATIONS:
                 oldest = next(iter(self._equations))
                 del self._equations[oldest]

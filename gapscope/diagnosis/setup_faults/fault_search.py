@@ -82,6 +82,7 @@ def _refined_zero(
     """A joint's zero to within its deviation; as it began if it ends at an angle too small for a fault."""
 
     def build(x: np.ndarray) -> Fault:
+        # within half a turn either way
         offset = float(np.remainder(x[0] + np.pi, TURN) - np.pi)
         return replace(candidate, offset=offset)
 
@@ -111,6 +112,7 @@ def _refined_factors(
 
     one: np.ndarray = np.zeros(joints, dtype=int)
     if isinstance(candidate, TorqueUnit):
+        # one factor first; a joint leaves it if its own factor pays for itself
         groups, x = one, search(one).minimum(np.array([np.median(starts)]))
         least = search(groups).cost(x)
         for j, start in enumerate(starts):
@@ -124,10 +126,12 @@ def _refined_factors(
         groups = np.arange(joints)
         x = search(groups).minimum(starts)
         common = search(one).minimum(np.array([np.median(x)]))
+        # each further value owes its charge
         worth = search(groups).cost(x) + (joints - 1) * scorer.charge
         if search(one).cost(common) <= worth:
             groups, x = one, common
     found = search(groups)
+    # of the value, from that of its logarithm
     std = np.exp(x) * found.deviation(x)
     return found.build(x), tuple(std[groups].tolist())
 
@@ -140,6 +144,7 @@ def _as_unit(
     How far a factor is from that of a unit is the arm's, which has a scale of its torque.
     """
     joints, factor = np.array(unit.kind[2]), np.array(unit.values()["factor"])
+    # nearest as a ratio
     nearest = min(DECIMAL_UNITS, key=lambda decimal: abs(np.log(decimal / factor[0])))
     near = abs(np.log(nearest / factor[0])) < np.log(DECIMAL_UNIT_ERROR)
     if np.ptp(factor) == 0 and near:
@@ -193,6 +198,7 @@ class _PatternSearch:
         for k in range(len(x)):
             h = CURVED * (np.arange(len(x)) == k)
             curvature = (self.cost(x + h) - 2 * least + self.cost(x - h)) / CURVED**2
+            # where the cost is flat the deviation is one at most: a factor of e
             std[k] = 1.0 / np.sqrt(max(curvature, 1.0))
         return std
 
@@ -232,14 +238,17 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
 
     n = case.arm.n_joints
     reading, found = Reading.identity(n), []
+    # at most as many faults as joints
     for _ in range(n):
         candidates = _candidates(fine, reading, rate_is_known)
+        # a pair of joints is one of many pairs: choosing it is paid for
         charges = _choice_charges(candidates)
         screened = _screened(coarse, reading, candidates, charges)
         finalists = _finalists(coarse, fine, reading, screened, charges)
         best = max(finalists, key=lambda finalist: finalist.gain, default=None)
         if best is None or best.gain < UNUSUAL:
             break
+        # a turned base only steps out of the way of others: the search names it
         if not isinstance(best.candidate, TurnedBase):
             # each has one continuous value at most
             std = {name: best.std for name in best.candidate.values() if best.std}
@@ -263,6 +272,7 @@ def looks_late(case: Case) -> bool:
     n = case.arm.n_joints
     before = scorer.evidence(Reading.identity(n))
     read = (LateTorque("delay", delay).reading(n) for delay in TORQUE_DELAY_STARTS)
+    # at any start: values need not be refined to tell
     return max(map(scorer.evidence, read)) > before
 
 
@@ -365,6 +375,7 @@ def _choice_charges(candidates: list[Fault]) -> dict[_Kind, float]:
 
     All torques turned is one convention; two of seven joints are one of 21 pairs.
     """
+    # starts of one set of joints are one choice
     kinds = {(_kind(candidate), candidate.kind[2]) for candidate in candidates}
     counts = Counter(kind for kind, _ in kinds)
     return {kind: math.log(count) for kind, count in counts.items()}
@@ -409,9 +420,11 @@ def _finalists(
     for start in candidates:
         # refined on few samples, compared on all
         candidate, std = refined(coarse, reading, start)
+        # refined to what a wrong constant explains as well
         if isinstance(candidate, TorqueUnit) and candidate.is_ordinary:
             continue
         read = reading.then(candidate.reading(fine.arm.n_joints))
+        # for the choice of joints, and for the value that was fitted
         charge = charges[_kind(start)] + (fine.charge if std else 0.0)
         gain = fine.evidence(read) - before - charge
         if isinstance(candidate, LateTorque):
@@ -428,6 +441,7 @@ def _probabilities(
     best: _Finalist, finalists: Sequence[_Finalist]
 ) -> tuple[float, tuple[tuple[Fault, float], ...]]:
     """Probability of the best finalist, against no fault as well, and of the others, the most probable first."""
+    # no fault at all has a gain of zero, and its prior
     total = np.logaddexp.reduce([UNUSUAL, *(f.gain for f in finalists)])
     others = sorted(finalists, key=lambda f: -f.gain)
     return float(np.exp(best.gain - total)), tuple(

@@ -76,6 +76,7 @@ def look_at(
         joints_beyond_range(scorer, reading),
         factor,
         known,
+        # gravity torques come after the n recorded ones
         bool(np.diag(equations.products)[n:].any()),
         rate_is_known or reading.differs("time_factor"),
     )
@@ -104,12 +105,14 @@ def factor_starts(
     sums[:, 0, 0] = torque.square
     sums[:, 0, 1:] = sums[:, 1:, 0] = torque.cross[:, columns]
     sums[:, 1:, 1:] = eq.gram[:, columns][:, :, columns]
+    # what friction and offset explain is taken out of both: a Schur complement
     own = np.linalg.pinv(sums[:, 2:, 2:], hermitian=True)
     left = sums[:, :2, :2] - sums[:, :2, 2:] @ own @ sums[:, 2:, :2]
     recorded, nominal = np.maximum(left[:, 0, 0], 0.0), np.maximum(left[:, 1, 1], 0.0)
     power = recorded * nominal
     there = np.maximum(power, 1e-300)
     factors = np.where(power > 0, nominal / np.sqrt(there), 1.0)
+    # share of the variance that both have in common
     return factors, (power > 0) & (left[:, 0, 1] ** 2 > KNOWN_FACTOR_R2 * there)
 
 
@@ -163,6 +166,7 @@ class FoundFault:
         reading = self.fault.reading(n)
         if not reading.differs("time_factor"):
             return reading
+        # a recording may be rows or an episode of a file, and a file has one clock
         names = (name.partition(" rows ")[0] for name in self.recordings)
         files = dict.fromkeys(name.partition(" episode ")[0] for name in names)
         return replace(reading, files=tuple(files))
@@ -178,6 +182,7 @@ class FoundFault:
             return recording
         reading = self.fault.reading(recording.n_joints)
         out = reading(recording, arm)
+        # shifted inertials change the arm alone, and are noted here all the same
         if out is recording and not reading.link_shift:
             return recording
         return replace(out, notes=(*out.notes, f"put right: {self}"))
@@ -236,6 +241,7 @@ def repaired(case: Case, faults: tuple[FoundFault, ...]) -> Case:
     controller = case.controller
     for fault in faults:
         reading = fault.reading(arm.n_joints)
+        # the arm first: gravity that is put back is that of the right one
         arm, controller = reading.arm(arm), reading.controller(controller)
         recordings = tuple(fault.repair(r, arm) for r in recordings)
         judged = tuple(fault.repair(r, arm) for r in judged)

@@ -121,11 +121,14 @@ class LawSums:
             for factors in (target, target if scale is None else scale)
         )
         sums = self.fitted[joint]
+        # gains, friction and offset differ by orders of magnitude
         size = np.sqrt(np.maximum(np.diag(sums)[own], 1e-300))
         gram = sums[np.ix_(own, own)] / np.outer(size, size)
         right = sums[own] @ left / size
         found = np.linalg.pinv(gram, rcond=1e-12, hermitian=True) @ right / size
+        # the residual itself, as factors of the series
         left[own] -= found
+        # products with the series of ones are sums; with itself, the number of rows
         judged, one = self.judged[joint], SERIES.index("one")
         mean = float(judged[one] @ whole) / judged[one, one]
         variance = float(whole @ judged @ whole) / judged[one, one] - mean**2
@@ -149,6 +152,7 @@ def law_sums(case: Case) -> LawSums | None:
         for k in range(2):
             own = series * (free & (block == k)[:, None])[:, :, None]
             sums[k] += np.einsum("mja,mjb->jab", own, series)
+    # by the plan, so that an arm that sags does not count as moving
     planned = np.max(
         [np.ptp(references(r, "controller")[0], axis=0) for r in recordings], axis=0
     )
@@ -170,6 +174,7 @@ def _series(
         dq = np.gradient(recording.q, recording.t, axis=0)
         if controller is not None and controller.velocity_cutoff is not None:
             delay = controller.velocity_damping / (np.pi * controller.velocity_cutoff)
+    # behind the filter of the controller a velocity comes later
     splines = (
         make_interp_spline(recording.t - late, x, k=1)
         for x, late in ((q_ref, 0.0), (dq_ref, 0.0), (recording.q, 0.0), (dq, -delay))
@@ -183,6 +188,7 @@ def _series(
         torque = needed if segment.torque is None or not recorded else segment.torque
         limit, free = case.arm.torque_limit, np.ones_like(torque, dtype=bool)
         if limit is not None and recorded:
+            # a clipped torque is given by no gain
             free = np.abs(torque) < CLIPPED * limit
         fed, gravity = np.zeros_like(torque), np.zeros((*torque.shape, 3))
         if isinstance(controller, PD):
@@ -224,6 +230,7 @@ def is_of_reference(recording: Recording) -> bool:
     moves = np.ptp(q_ref, axis=0) > MIN_MOTION_SHARE * np.ptp(q_ref, axis=0).max()
     unlike = []
     for other in (planned, derived):
+        # up to a factor, by least squares
         power = np.maximum((other**2).sum(axis=0), 1e-12)
         unlike.append(rms(dq - (dq * other).sum(axis=0) / power * other, 0)[moves])
     nearer = unlike[0] < REFERENCE_VELOCITY_RATIO * unlike[1]
@@ -251,6 +258,7 @@ def pace(recording: Recording) -> float | None:
 
     def error(x: np.ndarray, used: np.ndarray) -> np.ndarray:
         """Positions less the reference at a pace and lag, over their ranges, with the mean error of rows used out."""
+        # before its start and after its end a reference rests
         difference = (q - planned(np.clip(x[0] * t - x[1], 0.0, end))) / scale
         return np.asarray(difference - difference[used].mean(axis=0))
 
@@ -280,6 +288,7 @@ def pace(recording: Recording) -> float | None:
     left = rms(error(found, first)[judged], None)
     if left * PACE_GAIN > rms(same[judged], None):
         return None
+    # decided on half of the rows, the value is taken from all
     return float(refined(found, inside)[0])
 
 
@@ -334,16 +343,20 @@ def ignored_velocity(case: Case, sums: LawSums) -> FoundFault | None:
     leads: dict[str, float] = {}
     moving = np.flatnonzero(sums.moves)
     for j in moving:
+        # tau = kp (q_ref - q) - kd dq, without the velocity's reference
         gains, without = sums.fit(j, LAW_TORQUE, ("error", "dq", "one"))
         _, with_it = sums.fit(j, LAW_TORQUE, (*GAINS, "one"))
         if with_it * LAW_GAIN < without and with_it < LAW_EXPLAINS:
+            # one joint that clearly follows its velocity reference settles it
             return None
         explains = without < LAW_EXPLAINS and without * LAW_GAIN < with_it
+        # the column is dq, so that a damping has a negative factor
         if explains and gains[0] > 0 > gains[1]:
             leads[str(j)] = float(-gains[1] / gains[0])
     if 2 * len(leads) < max(len(moving), 1):
         return None
     found = by_recordings(IgnoredVelocityReference, "lead", leads, recordings)
+    # by joints above, not by recordings: it is of the whole arm
     return replace(found, recordings=())
 
 
@@ -393,6 +406,7 @@ def exact_gains(recordings: tuple[Recording, ...]) -> np.ndarray | None:
     x, torque = np.concatenate(columns), np.concatenate(torques)
     gains = np.zeros((torque.shape[1], 2))
     for j in np.flatnonzero(torque.std(axis=0)):
+        # fitted to every other row, judged on the rest
         gains[j] = np.linalg.lstsq(x[::2, j], torque[::2, j], rcond=None)[0]
         residual = (torque[:, j] - x[:, j] @ gains[j])[1::2]
         if rms(residual) > EXACT_LAW * torque[:, j].std():
@@ -427,6 +441,7 @@ def unmeasured_torque(
         np.log(np.maximum(stated[moving], tiny) / np.maximum(gains[moving], tiny))
     )
     if isinstance(declared, PD) and off.max() > np.log(NAMED_GAIN_FACTOR):
+        # declared gains come with their feedforward, those of the column without
         at_work, fed = stated, {**needed, "feedforward": -1.0}
         for j in moving:
             own, other = _less_gains(needed, gains[j]), _less_gains(fed, stated[j])
@@ -445,6 +460,7 @@ def unmeasured_torque(
         known = np.median(others) * LAW_GAIN < misfit and (at_work[moving] > 0).all()
         if misfit < (OTHER_GAINS_MISFIT if known else UNMEASURED_MISFIT):
             return None
+        # that the torque is wrong is known, which gains were at work is not
         if not known:
             at_work = gains
     joints = tuple((moving + 1).tolist())
@@ -475,6 +491,7 @@ def find_reference_faults(case: Case) -> tuple[Case, tuple[FoundFault, ...]]:
     found: list[FoundFault] = []
     if not any(r.q_ref is not None for r in case.recordings):
         return case, ()
+    # each sees what the one before has put right
     for search in (_velocity, _set_points, _pace):
         faults = search((*case.recordings, *case.judged))
         if faults:
@@ -494,6 +511,7 @@ def find_reference_faults(case: Case) -> tuple[Case, tuple[FoundFault, ...]]:
             kp, kd = (", ".join(f"{x:.4g}" for x in column) for column in gains.T)
             warning = COMPUTED.format(kp=kp, kd=kd)
             case = replace(case, warnings=(*case.warnings, warning))
+    # at most one: all three explain the same torque
     fault = fault or ignored_velocity(case, sums) or other_gains(case, sums)
     if fault is None:
         return case, tuple(found)
