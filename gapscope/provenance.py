@@ -89,7 +89,8 @@ def made_from(case: Case | Path) -> dict[str, str]:
 
 def _case_hash(case: Case | Path) -> str:
     if isinstance(case, Case) and case.file is None:
-        parts = [case.name, case.arm, case.recordings, case.controller]
+        recordings = *case.recordings, *case.judged
+        parts = [case.name, case.arm, recordings, case.controller]
         return hashlib.sha256(fingerprint(parts).encode()).hexdigest()
     path = case.file if isinstance(case, Case) else case
     assert path is not None

@@ -27,10 +27,15 @@ _PREFIXES: dict[str, tuple[tuple[float, float, str], ...]] = {
 _PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
 
 
+def unit_name(unit: str) -> str:
+    """An SI unit as it is shown; nothing of a ratio."""
+    return "" if unit == "1" else unit.replace("^2", "²").replace("^3", "³")
+
+
 def display_unit(unit: str, magnitude: float) -> tuple[float, str]:
     """Factor and name of the unit in which a value of this magnitude (in ``unit``, SI) reads best."""
     if unit not in _PREFIXES:
-        return 1.0, unit.replace("^2", "²").replace("^3", "³")
+        return 1.0, unit_name(unit)
     return [
         (factor, name)
         for least, factor, name in _PREFIXES[unit]

@@ -409,7 +409,7 @@ def _line(
     line = ParameterAgreement(
         term=term,
         verdict=DIFFERS if differs else NOT_DETERMINED,
-        p=None,
+        p=1.0 - probability if differs else None,
         information=information,
         value=value,
         std=std,

@@ -95,13 +95,15 @@ class Batch:
     @cached_property
     def by_folder(self) -> dict[str, Path]:
         """The cases by the name of their results: of folder or file, numbered if it repeats or is ``identified``."""
+        paths = [case.resolve() for case in self.cases]
+        names = [p.parent.name if p.name == "case.yaml" else p.stem for p in paths]
         found: dict[str, Path] = {}
-        for case in self.cases:
-            path = case.resolve()
-            name = path.parent.name if path.name == "case.yaml" else path.stem
-            # the folder of the reference lies among those of the cases
-            taken = name in (*found, FOLDER)
-            found[f"{name}-{len(found) + 1}" if taken else name] = case
+        for case, own in zip(self.cases, names, strict=True):
+            name, number = own, len(found) + 1
+            # the folder of the reference lies among those of the cases; a number must not make another case's name
+            while name in (*found, FOLDER) or (name != own and name in names):
+                name, number = f"{own}-{number}", number + 1
+            found[name] = case
         return found
 
     def diagnosed(

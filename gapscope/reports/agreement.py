@@ -10,7 +10,7 @@ from markupsafe import Markup
 from rich.console import Group
 from rich.text import Text
 
-from gapscope.arm.display import MISSING, display_unit, uncertain
+from gapscope.arm.display import MISSING, uncertain, unit_name
 from gapscope.reports.pages import (
     COLOURS,
     PLAIN,
@@ -72,8 +72,8 @@ def values(line: Line) -> list[str]:
 
 
 def unit(line: Line) -> str:
-    """Unit of the values as it is shown; empty for a ratio."""
-    return "" if line["unit"] == "1" else display_unit(line["unit"], 1.0)[1]
+    """SI unit of the values, as it is shown; empty for a ratio."""
+    return unit_name(line["unit"])
 
 
 def undetermined(line: Line, recordings: list[str]) -> list[str]:

@@ -20,7 +20,7 @@ from sweeps import daily, nightly
 
 from gapscope.diagnosis.diagnose_change import identify_reference
 from gapscope.interface.diagnose import kept_reference
-from gapscope.many.batch import finished
+from gapscope.many.batch import Batch, finished
 from gapscope.provenance import made_from
 
 Command = Callable[..., Any]
@@ -253,3 +253,10 @@ def test_without_ray_it_says_how_to_get_it(
         "diagnose", sick, healthy, "--out", tmp_path / "out", "--backend", "ray"
     )
     assert done.code == 1 and "gapscope[cluster]" in done.err
+
+
+def test_cases_of_one_name_are_numbered_beside_one_that_has_the_number() -> None:
+    cases = tuple(Path(place) / "case.yaml" for place in ("a-3", "one/a", "two/a"))
+    found = Batch(cases, Path("out")).by_folder
+    assert list(found.values()) == list(cases)
+    assert list(found) == ["a-3", "a", "a-4"]

@@ -17,6 +17,7 @@ from gapscope.arm.display import (
     percent,
     significant,
     uncertain,
+    unit_name,
 )
 from gapscope.arm.joint_units import SLIDING_UNITS, common_unit, joint_unit, units_of
 from gapscope.diagnosis.thresholds import HEALTHY_REAL, NO_TORQUE
@@ -408,14 +409,14 @@ def _differing(entry: Mapping[str, Any], recordings: Sequence[str]) -> str:
     # a load has mass and place, not one value
     if any("first_moment" in each for each in entry["parameters"]):
         return _other_loads(entry, recordings)
-    _, unit = display_unit(entry["unit"], 1.0)
     values = [
         "?" if std is None else f"{uncertain(value, std)}"
         for value, std in zip(entry["values"], entry["std"], strict=True)
     ]
     pairs = [f"{v} in {name}" for v, name in zip(values, recordings, strict=True)]
-    unit = "" if entry["unit"] == "1" else f" [{unit}]"
-    return f"{entry['name']}{unit} is {', '.join(pairs)}"
+    unit = unit_name(entry["unit"])
+    named = f"{entry['name']} [{unit}]" if unit else entry["name"]
+    return f"{named} is {', '.join(pairs)}"
 
 
 def _other_loads(entry: Mapping[str, Any], recordings: Sequence[str]) -> str:
