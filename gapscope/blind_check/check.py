@@ -96,6 +96,7 @@ class BlindPlan:
             InputError: an effect or a robot is unknown, or a number cannot be.
         """
         _check_names("effects", self.effects, (*INSIDE, *SETUP, *own_names()))
+        # laws of a user are entered before the plan is used: all else looks them up
         enter_own_laws(self.effects)
         _check_names("robots", self.robots, ROBOTS)
         for field in COUNTS:
@@ -167,9 +168,11 @@ def read_plan(path: Path) -> BlindPlan:
 
 def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     """The cases of a plan, in random order; the same seed gives the same cases."""
+    # 1 is the stream of the deck; each case draws from its own, 2 and its number
     rng = np.random.default_rng([seed, 1])
     effects = plan.effects or (*INSIDE, *SETUP)
     mixable = [name for name in effects if name not in (*ALONE, *SETUP, *BEYOND)]
+    # a ladder needs a severity, and the catalogue the name
     graded = [
         name
         for name in effects
@@ -189,10 +192,12 @@ def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     specs = []
     for k, (kind, laws) in enumerate(deck):
         severity = weak[k] if kind == "ladder" else strong[k]
+        # the law that made the case is also the one looked for: no test of knowledge
         if any(LAWS[name].recovery for name in laws):
             kind = "recovery"
         wanted = None if kind == "healthy" else severity
         specs.append(CaseSpec(kind, laws, wanted, conditions[k]))
+    # the number of a case must not tell its kind
     return [specs[k] for k in rng.permutation(len(specs))]
 
 
@@ -299,6 +304,7 @@ def readable_labels(cases: Path, labels: Path | None = None) -> Path | None:
     the folders beside it, every ``labels.json`` with the hash that was committed to.
     """
     cases = cases.resolve()
+    # here any readable file is one too many; elsewhere only that with the hash
     certain = [labels_folder(cases)]
     if labels is not None:
         certain.append(labels.resolve())
@@ -376,6 +382,7 @@ def make(
     specs = allocate_cases(plan, begun["seed"])
     names = [f"case{k:04d}" for k in range(len(specs))]
     parts = folder / "parts"
+    # made is what has both: the folder comes last, so half a case is made again
     todo = [
         k
         for k, name in enumerate(names)
@@ -383,6 +390,7 @@ def make(
     ]
     done = len(specs) - len(todo)
     work = (
+        # numbers of its own for each case: going on gives the set that one go gives
         delayed(_made)(specs[k], names[k], (begun["seed"], 2, k), out, folder)
         for k in todo
     )
@@ -414,8 +422,10 @@ def _begin(folder: Path, plan: BlindPlan, seed: int | None) -> dict[str, Any]:
             )
         return begun
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    # a secret seed: nobody can make the labels again from the cases
     begun = {
         "seed": secrets.randbits(64) if seed is None else seed,
+        # the salt keeps the hash from being found by making sets of likely seeds
         "salt": secrets.token_hex(16),
         "plan": plan.plain(),
     }
@@ -429,6 +439,7 @@ def _made(
     """Make one case; its folder is renamed into place at the end, after its label was written."""
     enter_own_laws(spec.laws)  # a process of its own does not have them yet
     aside = out / f".{name}"
+    # what an interrupted run left of this case goes first
     shutil.rmtree(aside, ignore_errors=True)
     shutil.rmtree(out / name, ignore_errors=True)
     unseen = folder / UNSEEN / f"{name}.csv"
@@ -440,6 +451,7 @@ def _made(
             folder / "parts" / f"{name}.json",
             private=True,
         )
+        # last: a folder in place has its label
         aside.rename(out / name)
     except OSError as error:
         raise GapscopeError(
@@ -499,6 +511,7 @@ def run(
             file=cases,
         )
     _freeze(out, commitment)
+    # cases that failed stay to do
     todo = [folder for folder in folders if not _finished(out / folder.name)]
     done = len(folders) - len(todo)
     failed = 0
@@ -521,6 +534,7 @@ def _freeze(out: Path, commitment: dict[str, Any]) -> None:
         write_json(now, file)
         return
     before = read_json(file, "choose another folder with --out")
+    # thresholds are part of the source; libraries are recorded, not held
     for key, what in (
         ("labels_sha256", "these are results on another set"),
         ("source_sha256", "the source changed"),
