@@ -50,6 +50,7 @@ class CommandGroup(TyperGroup):
         """Write the sections."""
         for title, commands in SECTIONS.items():
             names = [command.__name__ for command in commands]
+            # the sealed check is an app of its own: its section is told here
             names += ["blind"] if title == PROJECT else []
             helps = [self.commands[name].help or "" for name in names]
             firsts = [" ".join(text.split()).split(". ")[0] for text in helps]
@@ -70,6 +71,7 @@ for command in itertools.chain.from_iterable(SECTIONS.values()):
     app.command()(as_command(command, own_effects=command not in WITHOUT_EFFECTS))
 app.add_typer(blind, name="blind")
 
+# the handler that others had set before, for their warnings
 _python_warning = warnings.showwarning
 
 

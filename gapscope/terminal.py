@@ -81,6 +81,7 @@ class SearchProgress:
             text = f"{self._label}: {self._text(best)}"
             self._bar.update(self._task, completed=share, description=text)
             return
+        # in a log a line for each quarter is enough
         quarters = int(4 * share)
         if quarters > self._quarters:
             self._quarters = quarters

@@ -46,6 +46,7 @@ def diagnose(
 
             batch = Batch(tuple(cases), out, jobs, backend, again, against)
             code = diagnose_all(batch, progress)
+        # units are compared, and written, only if some are of one type
         wrote(*(out / name for name in (SUMMARY, UNITS) if (out / name).is_file()))
         raise typer.Exit(code)
     case = cases[0]
