@@ -43,6 +43,7 @@ class AppliedEffect:
         """Check names, sizes and bounds."""
         effect, joints = by_name(self.name), list(self.joints)
         known, given = effect.names, [str(name) for name in self.parameters]
+        # what is absent by default may be left out, nothing else
         if not set(effect.needed) <= set(given) <= set(known):
             units = ", ".join(f"{p.name} in {p.unit}" for p in effect.parameters)
             remedy = f"give {units}"
@@ -69,6 +70,7 @@ class AppliedEffect:
                 f"joints count from 1 and occur once, got {joints}", where=self.name
             )
         values = {p.name: self._checked(p, effect.scope) for p in effect.parameters}
+        # a number in a file is a float: 2.0 is a link, 2.5 is none
         if effect.scope == "link" and values["link"] % 1:
             raise InputError(
                 f"a link is a whole number, got {float(values['link'])}",
@@ -91,6 +93,7 @@ class AppliedEffect:
             ) from None
         if scope == "joint":
             expected: tuple[int, ...] = (len(self.joints),)
+            # one number stands for all joints
             value = np.full(expected, float(value)) if value.ndim == 0 else value
         else:
             expected = () if parameter.size == 1 else (parameter.size,)
@@ -116,6 +119,7 @@ class AppliedEffect:
                 f"{parameter.typical[1]:g}",
                 where=where,
             )
+        # records are shared: nobody may change values in place
         value.setflags(write=False)
         return value
 
@@ -146,6 +150,7 @@ class AppliedEffect:
         """
         self.check(n_joints)
         out = np.zeros(n_joints)
+        # joints count from 1, arrays from 0
         out[np.array(self.joints, dtype=int) - 1] = self.parameters[parameter]
         return out
 
@@ -158,6 +163,7 @@ class AppliedEffect:
         named = (
             [*self.joints, int(self.parameters["link"])]
             if self.effect.scope == "link"
+            # a link has the number of its joint
             else [*self.joints]
         )
         if max(named, default=0) > n_joints:
@@ -177,6 +183,7 @@ def drives_with(joints: tuple[int, ...], **quantities: np.ndarray) -> AppliedEff
         quantities: all of one effect, increments to the nominal arm or the values themselves, each of shape (m,).
     """
     effect, _ = of_quantity(next(iter(quantities)))
+    # all that the effect has must be given: it is looked up by the first
     values = {name: quantities[own] for name, own in effect.quantities.items()}
     return AppliedEffect(effect.name, joints, values)
 
@@ -242,8 +249,10 @@ def states_of(entries: Sequence[Entry], order: Sequence[str] = ()) -> tuple[Stat
         return ()
     others = (name for name in named if name not in order)
     states = []
+    # the last one named stands for recordings that are not known
     for name in dict.fromkeys([*others, *order]):
         places = [place for _, place in entries if place and name in place.recordings]
+        # cut wherever something begins or ends: within a part all hold or none
         times = {-np.inf, np.inf, *(t for p in places for t in (p.start, p.end))}
         for start, end in pairwise(sorted(times)):
             held = (e for e, p in entries if p is None or p.holds(name, start, end))
