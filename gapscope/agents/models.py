@@ -206,7 +206,6 @@ def read_models(
 def read_model(source: str, arm: NominalArm) -> TorqueModel | None:
     """One model; see ``read_models``."""
     if source == "pd":
-        # PD alone: not a model of zero torque, which could be computed with
         return None
     return Gravity(arm) if source == "gravity" else ArmModel(read_arm(source, arm))
 

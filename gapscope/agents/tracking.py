@@ -289,7 +289,7 @@ def track(
     n = motion.q.shape[1]
     start_speed = np.zeros(n) + kick
     controller.begin(motion)
-    # before the first tick: the arm settles under the loop from there
+    # before t = 0: the arm settles under the loop until then
     simulated.start(motion.q[0], start_speed, float(motion.t[0]))
     error_rate = VelocityFilter(
         1.0 / simulated.dt,
@@ -311,7 +311,7 @@ def track(
         if diverged(simulated.dq):
             done, ran_away = i, True
             break
-    # settling does not count; who diverged while settling leaves no row
+    # settling does not count; an arm that diverged meanwhile leaves no row
     rows = slice(min(course.first, done), done)
     return TrackingRun(motion.t[rows], motion.q[rows], q[rows], tau[rows], ran_away)
 

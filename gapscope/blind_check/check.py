@@ -172,7 +172,7 @@ def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     rng = np.random.default_rng([seed, 1])
     effects = plan.effects or (*INSIDE, *SETUP)
     mixable = [name for name in effects if name not in (*ALONE, *SETUP, *BEYOND)]
-    # a ladder needs a severity, and the catalogue the name
+    # a ladder needs a measure of severity, and an effect with a name to find
     graded = [
         name
         for name in effects
@@ -192,7 +192,7 @@ def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     specs = []
     for k, (kind, laws) in enumerate(deck):
         severity = weak[k] if kind == "ladder" else strong[k]
-        # the law that made the case is also the one looked for: no test of knowledge
+        # the law that made the case is also the one looked for: no accuracy
         if any(LAWS[name].recovery for name in laws):
             kind = "recovery"
         wanted = None if kind == "healthy" else severity

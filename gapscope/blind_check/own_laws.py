@@ -55,7 +55,7 @@ def _law(effect: TorqueLaw) -> Law:
             whole.deviation,
             whole.inertia,
             arm.armature,
-            # a joint that rests would have values of any size
+            # over the speed of a joint that rests values would have no end
             np.maximum(whole.speed, 0.1),
             np.ones(arm.n),
             arm.payload,

@@ -349,7 +349,7 @@ def first_parameter_error(truth: dict[str, Any], found: dict[str, Any]) -> float
     names = VECTORS.get(truth["effect"], tuple(truth["parameters"])[:1])
     given = found["parameters"]
     units = [truth["parameters"][name].get("unit") for name in names]
-    # without a unit it is a number of a link or a choice, not a size
+    # without a unit it is no size that could be off
     if not names or "" in units or not set(names) <= given.keys():
         return None
     true, value = (

@@ -93,7 +93,6 @@ class AppliedEffect:
             ) from None
         if scope == "joint":
             expected: tuple[int, ...] = (len(self.joints),)
-            # one number stands for all joints
             value = np.full(expected, float(value)) if value.ndim == 0 else value
         else:
             expected = () if parameter.size == 1 else (parameter.size,)
@@ -163,7 +162,6 @@ class AppliedEffect:
         named = (
             [*self.joints, int(self.parameters["link"])]
             if self.effect.scope == "link"
-            # a link has the number of its joint
             else [*self.joints]
         )
         if max(named, default=0) > n_joints:

@@ -56,7 +56,7 @@ class ArmScale(NamedTuple):
         q = _postures(body)
         gravity = usual_load(arm)
         inertia = np.mean([np.diag(body.mass_matrix(posture)) for posture in q], axis=0)
-        # an axis along gravity has no load of its own, and still some friction
+        # a joint whose axis lies along gravity bears no weight: it needs a size too
         torque = np.maximum(gravity, 0.05 * gravity.max())
         torque = np.maximum(torque, inertia)  # without gravity: 1 rad/s^2
         rotor = np.where(arm.armature > 0, arm.armature, inertia / 3)

@@ -312,7 +312,6 @@ def explained(*, coupled: bool = False) -> list[Effect]:
     shown = [CATALOGUE[name] for name in names]
     if coupled:
         shown += COUPLED_MOTORS.values()
-    # of two effects that state it, the catalogue's comes first
     return [each for each in shown if each.parametrisation is not None]
 
 

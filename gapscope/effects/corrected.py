@@ -255,7 +255,7 @@ class CorrectedArm:
 
     def body(self, nominal: RigidBody) -> RigidBody:
         """Rigid bodies with payload, link errors and tilt, for a simulator."""
-        # gravity in the base frame
+        # R^T g: gravity in the base frame
         return nominal.changed(
             self.inertial_increments(nominal), self.base_rotation().T @ self.arm.gravity
         )
@@ -316,7 +316,6 @@ class CorrectedArm:
         for applied in self.effects:
             if isinstance(applied.effect, External):
                 force, start, end = applied.parameters.values()
-                # a push may begin and end within the recording
                 active = applied.effect.active(motion.t, start, end) > 0
                 in_base = self.base_rotation().T @ force
                 # what the force does the motors need not
@@ -421,7 +420,6 @@ class CorrectedArm:
         """The same arm without saturation."""
         return replace(
             self,
-            # a limit is found from torque that it did not cut
             effects=tuple(e for e in self.effects if not e.effect.limits),
         )
 
@@ -441,7 +439,7 @@ class CorrectedArm:
         torque = self.recorded_torque(needed, motion)
         if self.residual is None:
             return torque
-        # the network learnt beside this torque, which it also sees
+        # what the arm predicts is also the load that the network sees
         return torque + self.residual.torque(motion, torque)
 
 

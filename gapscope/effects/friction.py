@@ -83,7 +83,6 @@ def load_dependent(signals: Signals, coefficient: np.ndarray) -> np.ndarray:
     With ``load`` the torque before load friction, tau = load + mu \|tau\| sgn v has the closed solution
     tau = load / (1 - mu sgn(v) sgn(load)), so that the law is tau - load. Needs \|mu\| < 1.
     """
-    # a law is beside the load, so that tau - load is what is left of the solution
     directed = coefficient * signals.direction * np.sign(signals.load)
     return signals.load * directed / (1.0 - directed)
 

@@ -96,8 +96,8 @@ def run_file(path: Path) -> ModuleType:
 
 
 def _line(path: Path, error: BaseException) -> str:
-    # the last one in the file: what is called from it lies elsewhere
     """The last line of the file that an exception went through."""
+    # the last one in the file: what is called from it lies elsewhere
     trace, line = error.__traceback__, 0
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == str(path):

@@ -186,7 +186,7 @@ class Inputs:
         before = np.floor(place).astype(int)
         part = (place - before)[None, :, :, None]
         after = np.minimum(before + 1, series.shape[1] - 1)
-        # spacing and rate have no common measure: between two samples a line
+        # the spacing need not be a whole number of samples: a line in between
         between = (1.0 - part) * series[:, before] + part * series[:, after]
         scaled = between - self.mean[:, None, None]
         return np.asarray(scaled / self.std[:, None, None])
@@ -325,7 +325,7 @@ def draw_basis(low: np.ndarray, high: np.ndarray, seed: int) -> Basis:
 def part_of_each(basis: Basis) -> np.ndarray:
     """Number of the part that each function belongs to, (F,)."""
     n, channels = basis.low.shape
-    # by a trial: sizes follow from the range alone, not from the data
+    # by a trial: the number of functions does not depend on the values
     sizes = [part.shape[2] for part in basis.parts(np.zeros((n, 1, channels)))]
     return np.repeat(np.arange(len(sizes)), sizes)
 

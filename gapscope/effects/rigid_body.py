@@ -68,7 +68,7 @@ def clip_link(x: np.ndarray) -> np.ndarray:
 
 def draw_payload(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
     """10 to 60 % of what the arm may carry, within 12 cm of the last joint's frame."""
-    # a tool lies before the flange, seldom behind it
+    # a tool lies beyond the flange, not within the arm
     com = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.1)])
     return {"mass": np.array(scale.lift * rng.uniform(0.1, 0.6)), "com": com}
 

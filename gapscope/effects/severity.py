@@ -48,7 +48,6 @@ def draw(
     definition = by_name(name)
     chosen: tuple[int, ...] = ()
     if definition.scope == "joint":
-        # one or two joints: gaps seldom lie on all
         n = len(scale.torque)
         some = (
             rng.choice(n, size=min(n, int(rng.integers(1, 3))), replace=False) + 1

@@ -71,8 +71,8 @@ class MotionSeries:
         """The series behind its lag, which begins at a share of its first value."""
         dt = float(self._t[1] - self._t[0])
         out = np.array(series)
+        # without a time constant a series follows itself at once
         for joint in np.flatnonzero(time_constant):
-            # time constants of zero are left out: the series is its own
             u = series[..., joint]
             time = float(time_constant[joint])
             keep = np.exp(-dt / time)

@@ -84,7 +84,7 @@ def elasticity_columns(
     for i, unit in enumerate(per_coordinate):
         deflections = slow_with_rates(unit, at.motion)
         pairs = zip(at.sensitivities, deflections, strict=True)
-        # links that lag by y need that much less
+        # links that lag by y take its derivatives times y from the torque
         out[:, :, i] = -sum(matrix * y[:, None] for matrix, y in pairs)
     used = np.flatnonzero(x[0])
     springs = _springs(effect, at, x) if used.size else None

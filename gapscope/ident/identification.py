@@ -133,10 +133,10 @@ class JointZeros:
 
     def questions(self) -> tuple[str, ...]:
         """A question about each zero that must be asked about."""
+        # recorded q = true q + offset, and an import adds: it takes the other sign
         offset, deviation = np.rad2deg(self.offset), np.rad2deg(self.deviation)
         return tuple(
             f"is the zero of joint {j + 1} right? The torque fits physical bodies with a zero that is off by "
-            # recorded q = true q + offset, and an import adds: hence the other sign
             f"{offset[j]:+.2f} ± {deviation[j]:.2f} degrees; if so, say in the case "
             f"import: {{offsets: [...]}} with {-self.offset[j]:+.4f} rad for this joint, or calibrate it"
             for j in self.asked
@@ -665,7 +665,7 @@ def validate(
     rate = segments[0].motion.rate
     # the test of whiteness sees the samples that the band holds, not more
     step = max(1, round(rate / band.cutoff))
-    # where no torque was measured nothing is left either
+    # a torque that was not measured leaves nothing
     residual = np.where(every, torque - after, 0.0)[::step]
     expected = band_correlation(rate, band.cutoff, step)
     return Validation(

@@ -558,7 +558,6 @@ def compare_groups(
             f"groups agree to {np.sqrt(ratio):.2f} of the errors they state: the residual repeats, "
             "so it is model error common to all groups, not noise; more repetitions will not help; vary the motion"
         )
-    # the mean over groups of what each states alone
     stated = np.mean([np.diag(np.linalg.inv(one)) for one in weight], axis=0)
     between = found.std(axis=0, ddof=1)
     return GroupComparison(
@@ -740,7 +739,6 @@ def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:
     residual = np.empty_like(problem.torque)
     spans = group_slices(problem.group)
     if len(spans) < 2:
-        # a single group has no others to be predicted from
         raise InputError(
             "too few samples to hold any out", "record for longer", where="samples"
         )

@@ -334,7 +334,7 @@ def follow_states(
     period = float(np.median(np.diff(t)))
     speed = rms(np.gradient(recording.q, recording.t, axis=0))
     torque = MIN_SHARE * rms(np.asarray(recording.tau))
-    # friction at rest and at speed: b by the usual speed, c as it is
+    # b counts by its torque at the usual speed, c is a torque itself
     least = np.concatenate([torque / np.maximum(speed, MOVING), torque])
     spread = np.maximum(UNSURE * np.abs(prior[places]), least)
     # state: q, dq and the departures of b and c, n of each
@@ -355,7 +355,7 @@ def follow_states(
     # torque that is not modelled acts on the velocities
     inertia = np.diag(regressor.body.mass_matrix(q[0])) + arm.armature
     wander = WANDER * spread * np.sqrt(period)
-    # positions follow from velocities; a little noise keeps them free to
+    # positions follow from velocities: beside the encoder they hardly err
     process = np.concatenate([0.1 * encoder, noise / inertia * period, wander])
     kalman.Q = np.diag(process**2)
     value, covariance = [kalman.x], [kalman.P]
@@ -489,7 +489,6 @@ def review(
             moved.append(D @ found.value)
     openings = [own for own in openings if own[0] < len(names)]
     openings.sort(key=lambda opening: opening[0])
-    # in the order of time, as the filter meets them
     followed = follow(problem, openings)
     rows, track = followed.rows, followed.track
     batch = followed.batch if batch is None else batch

@@ -119,7 +119,6 @@ class FrictionLaw:
     def columns(self, position: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         """What c, d and s multiply [1], from position [rad] and velocity [rad/s] of shape (N, k); each (N, k)."""
         at_once = (0.0,) * velocity.shape[1]
-        # a distance of zero is the smoothed sign of the velocity
         distance = np.array(self.presliding or at_once)
         sign = friction_direction(position, velocity, distance)
         columns = [sign]
@@ -675,7 +674,7 @@ def check_recordings(
             "name another recording with --judge",
             file=case.name,
         )
-    # one moving joint is enough; its neighbours' parameters are left open
+    # one moving joint is enough: what the others leave open is said later
     if resting([r for r in recordings if r.tau is not None], case.arm.per_radian).all():
         raise InputError(
             f"the trajectory is constant: no joint moves by {STILL:g} rad within a recording",
@@ -808,7 +807,7 @@ def pulled_solution(
     # columns differ by orders of magnitude: scaled to a unit diagonal
     unit = 1.0 / np.sqrt(np.diag(own) + weight)
     system = (own + np.diag(weight)) * unit[:, None] * unit
-    # solved for the departure from nominal: its right side is what is left of it
+    # solved for the departure from nominal: the right side is what nominal leaves
     change = np.linalg.solve(system, unit * (right - own @ nominal))
     return nominal + unit * change
 
