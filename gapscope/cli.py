@@ -67,6 +67,7 @@ app = typer.Typer(
     rich_markup_mode=None,  # markup would swallow the units, [m]
     pretty_exceptions_enable=False,
 )
+# what a command needs it imports itself: ``--help`` waits for none of it
 for command in itertools.chain.from_iterable(SECTIONS.values()):
     app.command()(as_command(command, own_effects=command not in WITHOUT_EFFECTS))
 app.add_typer(blind, name="blind")

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from gapscope.interface.result import Result
 
+# apart, so that results can go into a pipe while progress stays on the screen
 console = Console()
 log = Console(stderr=True)
 
@@ -104,6 +105,7 @@ def show(result: Result, *written: Path, as_json: bool = False) -> None:
     if as_json:
         from gapscope.arm.io.json_file import to_json
 
+        # not by the console, which would break its lines
         sys.stdout.write(to_json(result.document))  # type: ignore[attr-defined]
         return
     console.print(result.shown())

@@ -182,6 +182,7 @@ class TrackingBench:
         if not limited:
             limit = np.full(self.arm.n_joints, np.inf)
         outside = self.plan.law == "feedforward"
+        # on the inertia of the nominal arm: the same loop for every model
         loop = tuning.gains(self._inertia)
         if isinstance(model, AgentModel):
             if not outside:
@@ -276,6 +277,7 @@ class TrackingBench:
         # no settling: a kick would be forgotten before the arm moves
         course = SampledReference.of(reference, MARGIN_TIME, DT, settle=0.0)
         needed = self._truth.series(course.motion)
+        # what is planned does not depend on the gains: one plan for all of them
         course = course.planned(self.controller(model))
         tuning = self.plan.tuning
         with self._simulated(engine) as simulated:

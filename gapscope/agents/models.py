@@ -169,6 +169,7 @@ def named(entry: str) -> tuple[str, str]:
         return path.resolve().name, entry
     if entry in NAMES or not path.suffix:
         return entry, entry
+    # files that have this name in every folder: the folder tells them apart
     usual = path.stem in ("corrected", "identification") and path.resolve().parent.name
     return (usual or path.stem), entry
 

@@ -159,6 +159,7 @@ def read_plan(path: Path) -> BlindPlan:
     for key in content:
         if key not in known:
             raise InputError(f"unknown key {key!r}", remedy, file=path)
+    # tuples, as a plan cannot change, and is compared with one begun before
     values: dict[str, Any] = {
         key: tuple(value) if isinstance(value, list) else value
         for key, value in content.items()
@@ -187,6 +188,7 @@ def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     deck += [("triple", _mixed(mixable, 3, rng)) for _ in range(plan.triples)]
     deck += [("healthy", ())] * plan.healthy
     conditions = draw_conditions(rng, len(deck), plan.plain())
+    # of both one for each case: what is drawn does not depend on the kinds
     strong = allocate(rng, len(deck), STRONG, [1.0] * len(STRONG))
     weak = allocate(rng, len(deck), WEAK, [1.0] * len(WEAK))
     specs = []
@@ -397,6 +399,7 @@ def make(
     for line in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
         done += 1
         progress(f"{done} of {len(specs)} made, {line}")
+    # as they were written: cases of an earlier run are among them
     cases = {
         name: read_json(parts / f"{name}.json", "run the command again")
         for name in names
@@ -570,6 +573,7 @@ def _diagnosed(case: Path, out: Path) -> tuple[str, str]:
     except Exception as error:
         # one case does not stop the rest; the scorer counts it as failed
         problem = f"{type(error).__name__}: {error}"
+    # of a failure too: a case without it was interrupted
     write_json(
         {"seconds": round(time.perf_counter() - begin, 2), "error": problem}, out / DONE
     )

@@ -690,6 +690,7 @@ def _compare(
 def _frozen(results: Path, truth: dict[str, Any]) -> dict[str, Any]:
     """Whether the run was frozen: one source throughout, no diagnosis changed after it."""
     begun = read_json(results / FROZEN, "run gapscope blind run first")
+    # only a run that came to its end has them
     hashes = begun.get("diagnoses") or {}
     changed = [
         name for name in truth if hashes.get(name) != diagnosis_hash(results / name)
@@ -710,6 +711,7 @@ def _baselines(
 ) -> dict[str, Any]:
     """Figures of each plain method on the same cases."""
     designs = dict(zip(truth, _designs(cases, list(truth), jobs), strict=True))
+    # fixed, so that chance is the same whenever it is scored
     rng = np.random.default_rng(0)
     methods: dict[str, Callable[[Design], dict[str, Any]]] = dict(METHODS)
     if training is not None:

@@ -79,6 +79,7 @@ def identify(
         keep=split_names(keep) if keep else (),
     )
     with Progress(case.name or str(case)) as progress, locked(out):
+        # the document of an earlier run goes: one that is there is of this run
         begin_results(out, DOCUMENT)
         result = identify_case(case, settings, progress=progress)
         progress("writes the report")

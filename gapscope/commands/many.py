@@ -254,6 +254,7 @@ def _stop_on_signals() -> Iterator[list[int]]:
     """A list that is no longer empty once the process was asked to end; asked again, it ends at once."""
     asked: list[int] = []
 
+    # asked a second time: the recording in work is not waited for
     def ask(number: int, _: FrameType | None) -> None:
         if asked:
             raise KeyboardInterrupt

@@ -104,6 +104,7 @@ def record(
     check_places(effects, out, sealed)
     arm, known = read_arm_and_controller(robot)
     law = chosen_controller(controller, arm, known)
+    # before the simulation: a seal that cannot be written must not cost one
     if sealed is not None:
         make_folder(sealed)
     rng, name = np.random.default_rng(seed), out.resolve().name
@@ -179,6 +180,7 @@ def excite(
         budget=Budget(evaluations, seconds),
     )
     with SearchProgress(robot, criterion) as progress:
+        # before the search, which takes minutes
         check_csv(out)
         result = excite_arm(robot, plan, limits, seed=seed, progress=progress)
         paths = result.write(out)

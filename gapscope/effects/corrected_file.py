@@ -98,6 +98,7 @@ def _with_states(states: Sequence[State]) -> list[dict[str, Any]]:
     """Entries of all states, what all of them have without a place, first."""
     each = [(state.place, list(map(described, state.effects))) for state in states]
     every = [entry for _, entries in each for entry in entries]
+    # what every state has needs no place, and stands once
     common = [
         entry
         for k, entry in enumerate(every)
@@ -106,6 +107,7 @@ def _with_states(states: Sequence[State]) -> list[dict[str, Any]]:
     placed: list[dict[str, Any]] = []
     for place, entries in each:
         times = {"from": place.start, "to": place.end}
+        # an open end is not written
         times = {name: t for name, t in times.items() if np.isfinite(t)}
         for entry in entries:
             if entry in common:

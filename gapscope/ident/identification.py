@@ -411,6 +411,7 @@ def fit_parameters(
     rich = settings.estimator not in SIMULATING
     choice = choose(samples, nonlinear=rich, presliding=rich and not settings.plain)
     matrix = samples.matrix(choice.law)
+    # what these samples do not excite has no base column
     base = _sample_base(matrix, columns, choice.law)
     progress(f"estimates {base.count} base parameters")
     problem = samples.problem(choice.law, base.kept, base.kept_names)

@@ -265,8 +265,10 @@ class ModelColumns:
         moment = np.maximum(np.linalg.norm(links[:, 1:4], axis=1), MIN_ARM * mass)
         # half the trace, Ixx + Iyy + Izz
         half = 0.5 * links[:, [4, 6, 9]].sum(axis=1)
+        # a link without inertia counts as if it lay 1 cm from its frame's origin
         inertia = np.maximum(half, mass * (0.2 * MIN_ARM) ** 2)
         sizes = np.stack([mass, moment, inertia], axis=1)
+        # one size for the mass, for three first moments, and for six of inertia
         out[: self.links] = np.repeat(sizes, [1, 3, 6], axis=1).ravel()
         return out
 
@@ -755,6 +757,7 @@ class FrictionTrials:
                 z = np.append(-x[:smooth], 1.0)
                 left = self._shared[rows] @ z - dry[rows] @ x[smooth:]
                 squares += (left**2).sum(axis=0)
+            # sizes count the rows of all joints
             return np.asarray(squares * joints / sum(sizes))
 
         return mse
@@ -781,6 +784,7 @@ class FrictionTrials:
             cross = self._shared[rows].reshape(-1, shared).T @ friction
             whole = np.block([[gram, cross], [cross.T, friction.T @ friction]])
             grams.append(whole[np.ix_(order, order)])
+        # the same pull for every stretch, that of all samples
         squares = np.diag(grams[-1])[:-1]
         penalty = penalties(self.samples, law, squares)
         return dry, grams, penalty, columns.nominal(law)
@@ -918,6 +922,7 @@ def _nonlinear_laws(trials: FrictionTrials, pull: float) -> list[FrictionLaw]:
         for speed in STRIBECK_SPEEDS
         if EXCEEDED * speed <= moving.min()
     ]
+    # a drive that hardly moves still needs a speed for its column
     scaled = np.maximum(fastest, STRIBECK_SPEEDS[0])
     for share in SATURATION_SHARES:
         laws.append(FrictionLaw(saturation_speeds=tuple((share * scaled).tolist())))
