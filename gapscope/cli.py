@@ -107,6 +107,7 @@ def main(arguments: list[str] | None = None) -> Any:
     try:
         _check_none_empty(sys.argv[1:] if arguments is None else arguments)
         app(args=arguments)
+    # an error that was foreseen says what to do: no traceback
     except GapscopeError as error:
         note(f"gapscope: {error}", style="red")
         sys.exit(error.exit_code)

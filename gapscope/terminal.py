@@ -52,6 +52,7 @@ class SearchProgress:
         self._quarters = -1
         self._bar: Any = None
         if log.is_terminal:
+            # a bar is for a screen: in a log it would be a page of lines
             from rich.progress import (
                 BarColumn,
                 TextColumn,

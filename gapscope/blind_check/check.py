@@ -215,6 +215,7 @@ def _cycled(
 
 def _mixed(names: list[str], count: int, rng: np.random.Generator) -> tuple[str, ...]:
     """Different effects that do not hide each other by their nature."""
+    # of too few names none can be drawn: the error below says so
     size = min(count, len(names))
     for _ in range(1000):
         drawn = [str(name) for name in rng.choice(names, size, replace=False)]
@@ -282,12 +283,14 @@ def open_labels(cases: Path, labels: Path) -> dict[str, Any]:
     """
     labels = labels / LABELS if labels.is_dir() else labels
     content = read_json(labels, "give the labels that gapscope blind make wrote")
+    # labels that changed after the cases were published are not these
     if sha256(labels) != read_commitment(cases)["labels_sha256"]:
         raise InputError(
             "is not the file whose hash was published with the cases",
             f"give the labels that belong to {cases}, unchanged",
             file=labels,
         )
+    # the labels hold the hashes of the recordings, so these are sealed too
     for name, label in content["cases"].items():
         unseen = labels.parent / UNSEEN / f"{name}.csv"
         if not unseen.is_file() or sha256(unseen) != label["unseen_sha256"]:
@@ -507,6 +510,7 @@ def run(
             file=found,
         )
     folders = sorted(path.parent for path in cases.glob("*/case.yaml"))
+    # cases left out would make the figures those of a choice
     if len(folders) != commitment["cases"]:
         raise InputError(
             f"holds {len(folders)} cases, but {commitment['cases']} were committed to",
@@ -525,6 +529,7 @@ def run(
         failed += bool(problem)
         why = f": {problem}" if problem else ""
         progress(f"{done} of {len(folders)} done, {name}{why}")
+    # after the last case: hashes of all of them, failed ones too
     _close(out, [folder.name for folder in folders])
     return failed
 

@@ -532,6 +532,7 @@ def calibration(cases: Sequence[Compared]) -> dict[str, Any]:
     """Brier score, ECE and reliability of the probabilities; coverage and size of the sets at ``LEVEL``."""
     findings = [finding for c in cases for finding in c.findings]
     p = np.array([f.probability for f in findings])
+    # every finding counts by itself, however many a case has
     right = np.array([f.right for f in findings], dtype=float)
     mean_size = float(np.mean([f.size for f in findings])) if findings else None
     return {
@@ -643,6 +644,7 @@ def score(
     content = open_labels(cases, labels)
     truth = content["cases"]
     folder = labels if labels.is_dir() else labels.parent
+    # only from here on the truth is known: nothing is diagnosed any more
     progress("predicts the recordings held out")
     work = (
         delayed(_compare)(

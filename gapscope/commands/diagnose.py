@@ -49,6 +49,7 @@ def diagnose(
         # units are compared, and written, only if some are of one type
         wrote(*(out / name for name in (SUMMARY, UNITS) if (out / name).is_file()))
         raise typer.Exit(code)
+    # one case has its results in the folder itself, without one of its own
     case = cases[0]
     with Progress(case.name or str(case)) as progress:
         progress(LOADS)

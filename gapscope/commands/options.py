@@ -155,8 +155,10 @@ def _parameters(function: Callable[..., Any]) -> Iterator[inspect.Parameter]:
     plain = get_type_hints(function)
     for name, own in inspect.signature(function).parameters.items():
         marks = list(_marks(full[name]))
+        # typer gives the context by its type, without a mark
         if plain[name] is Context:
             yield own.replace(annotation=Context)
+        # a group stands for the options of its function
         elif marks and inspect.isfunction(marks[0]):
             yield from _parameters(marks[0])
         else:

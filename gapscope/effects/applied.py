@@ -56,6 +56,7 @@ class AppliedEffect:
                 remedy,
                 where=self.name,
             )
+        # joints are needed by effects of joints, and mean nothing to others
         if (effect.scope == "joint") != bool(joints):
             raise InputError(
                 f"an effect of scope {effect.scope}, but joints are {joints}",
@@ -108,6 +109,7 @@ class AppliedEffect:
                 remedy,
                 where=where,
             )
+        # bounds are what is possible, not what is usual: those are in the remedy
         low, high = parameter.bounds
         if not (
             np.isfinite(value).all() and (value >= low).all() and (value <= high).all()

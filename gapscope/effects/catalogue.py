@@ -338,6 +338,7 @@ def effect(name: str) -> Effect:
     """
     known = known_effect(name)
     if known is None:
+        # an effect of a user is unknown in a process that did not read its file
         near = get_close_matches(name, [*CATALOGUE, *COUPLED_MOTORS], n=1, cutoff=0.5)
         known_names = f"use one of {', '.join(sorted(CATALOGUE))}"
         raise InputError(

@@ -256,6 +256,7 @@ def described_fault(fault: Fault) -> dict[str, Any]:
     return {
         "effect": fault.name,
         "joints": list(joints),
+        # a fault of one kind has none
         **({"variant": variant} if variant else {}),
         "parameters": {
             name: list(value) if isinstance(value, tuple) else value
@@ -338,6 +339,7 @@ def read_entry(entry: Any, where: str, path: Path | None = None) -> AppliedEffec
         InputError: it is not an effect of the catalogue.
     """
     _check(entry, "entry", path, where)
+    # a diagnosis names faults too: they must not be read as effects of the arm
     if str(entry["effect"]) in FAULTS:
         raise InputError(
             f"{entry['effect']!r} is a fault of the set-up: it lies in recordings, not in the arm",

@@ -179,9 +179,11 @@ def _check_record(effect: Effect) -> None:
                 "use snake case: small letters, digits and underscores, as in cogging_torque",
             )
     kind = type(effect).__name__
+    # a record without a law does nothing anywhere
     if not isinstance(effect, KINDS):
         names = ", ".join(known.__name__ for known in KINDS)
         raise _refused(effect, "", f"{kind} has no law", f"make it one of {names}")
+    # where a kind of effect can act follows from what its law takes
     scopes: tuple[str, ...] = ("joint",)
     if isinstance(effect, LinkChange):
         scopes = ("link", "arm")
@@ -324,6 +326,7 @@ def _check_law(effect: Effect, trial: _Trial) -> None:
                 f"let it take {trial.takes} and the parameters {', '.join(effect.names)}, in this order; it gets "
                 f"arrays and uses functions of numpy: {PAGE}",
             ) from error
+        # a law may give less than that, as long as it broadcasts
         wanted = without[rows].shape
         try:
             return np.broadcast_to(result, wanted)

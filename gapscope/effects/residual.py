@@ -607,6 +607,7 @@ def read_residual(path: Path | str) -> ResidualNetwork:
 
     def count(name: str) -> int:
         number = int(array(name))
+        # a damaged number must not make arrays of any size
         if not 0 <= number <= LARGEST_COUNT:
             raise InputError(
                 f"is {number}, expected 0 to {LARGEST_COUNT}",
@@ -640,6 +641,7 @@ def read_residual(path: Path | str) -> ResidualNetwork:
             "train it again, or use the version of Gapscope that wrote it",
             file=path,
         )
+    # the number of joints by one array; all others have to agree
     n = len(array("scale", None))
     layout = Layout(n)
     mean, std = (array(name, n, layout.channels) for name in ("mean", "std"))

@@ -533,6 +533,7 @@ class Identifiability:
     def warnings(self) -> tuple[str, ...]:
         """What makes results doubtful, a sentence with a remedy, or none."""
         weakest = ", ".join(self.weakest)
+        # a parameter that is not seen at all matters more than a weak one
         if self.rank < self.structural:
             return (
                 f"the samples determine only {self.rank} of {self.structural} base parameters, not {weakest}; "
@@ -1039,6 +1040,7 @@ def troubleshooting(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row
         np.rad2deg(known[asked].max() if len(asked) else worst),
         1.0,
         "deg",
+        # found by what must be asked about, whatever the number beside it says
         joints=(asked + 1).tolist(),
         symptom="negative masses, inertias that no body has",
         cause="zero of an encoder off",

@@ -136,6 +136,7 @@ def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
     return {
         "recording": states.recording,
         "time": track.t[chosen],
+        # the first sample starts the filter: nothing predicts it
         "innovation_rms": rms(states.innovation[1:]),
         "parameters": _rows(
             name=track.names, identified=states.start, **_over_time(track, chosen)
@@ -172,6 +173,7 @@ def document(
         "consistent": base.of(physical.value),
         "nominal": base.of(result.columns.nominal(law)),
     }
+    # only a partial update leaves some parameters where they were
     if result.moved is not None:
         columns["moved"] = result.moved
     compared = ("role", "recordings", "every", "moving", "nominal", "whiteness")
@@ -190,6 +192,7 @@ def document(
             "saturation_speeds": law.saturation_speeds,
             "presliding": law.presliding,
             "pull": choice.pull,
+            # at the end of what was tried: a stronger one might be better still
             "strongest_pull": choice.pull >= max(PULLS),
             "tried": [
                 {"what": what, "unseen_error": error} for what, error in choice.tried
@@ -230,6 +233,7 @@ def document(
             "offset": zeros.offset,
             "std": zeros.deviation,
             "known": zeros.known,
+            # joints count from 1 in files, from 0 in arrays
             "asked": zeros.asked + 1,
         },
         "validation": [

@@ -300,6 +300,7 @@ def check_samples(
     Raises:
         InputError: a value is not finite; too few samples; a trajectory that rests; columns that depend on each other.
     """
+    # first of all: one value that is no number spoils every later check
     for values, what, remedy in (
         (problem.torque, "torque", "drop or repair the rows; none is guessed"),
         (problem.matrix, "matrix", "drop rows of q, dq or ddq that are not finite"),
@@ -314,6 +315,7 @@ def check_samples(
                 remedy,
                 where=what,
             )
+    # each sample gives an equation for every joint
     equations, b = problem.torque.size, problem.matrix.shape[2]
     if full_rank and equations <= b:
         raise InputError(
@@ -498,6 +500,7 @@ class Samples:
         lengths = [len(s.motion.t[rows]) for s, rows in kept]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
         first = self.segments[0]
+        # of the first segment; others are taken to be sampled like it
         self.interval = band.step(first) / first.motion.rate
 
     def matrix(self, law: FrictionLaw) -> np.ndarray:
@@ -696,6 +699,7 @@ def check_count(samples: Samples, base_count: int, name: str) -> None:
     n_joints = samples.torque.shape[1]
     independent = n_joints * band_samples(seconds, samples.band.cutoff)
     if independent < PER_PARAMETER * base_count:
+        # what is missing, said as a time to record
         per_second = n_joints * band_samples(1.0, samples.band.cutoff)
         needed = PER_PARAMETER * base_count / per_second
         raise InputError(
