@@ -76,6 +76,7 @@ _MODULES = {
 }
 """Where each name lies; it is imported when it is first asked for."""
 
+# gymnasium knows the environment's name once gapscope is imported
 register_environment()
 
 

@@ -50,6 +50,7 @@ class CommandGroup(TyperGroup):
         """Write the sections."""
         for title, commands in SECTIONS.items():
             names = [command.__name__ for command in commands]
+            # the sealed check is an app of its own: its section is told here
             names += ["blind"] if title == PROJECT else []
             helps = [self.commands[name].help or "" for name in names]
             firsts = [" ".join(text.split()).split(". ")[0] for text in helps]
@@ -66,10 +67,12 @@ app = typer.Typer(
     rich_markup_mode=None,  # markup would swallow the units, [m]
     pretty_exceptions_enable=False,
 )
+# what a command needs it imports itself: ``--help`` waits for none of it
 for command in itertools.chain.from_iterable(SECTIONS.values()):
     app.command()(as_command(command, own_effects=command not in WITHOUT_EFFECTS))
 app.add_typer(blind, name="blind")
 
+# the handler that others had set before, for their warnings
 _python_warning = warnings.showwarning
 
 
@@ -104,6 +107,7 @@ def main(arguments: list[str] | None = None) -> Any:
     try:
         _check_none_empty(sys.argv[1:] if arguments is None else arguments)
         app(args=arguments)
+    # an error that was foreseen says what to do: no traceback
     except GapscopeError as error:
         note(f"gapscope: {error}", style="red")
         sys.exit(error.exit_code)

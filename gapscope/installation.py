@@ -128,6 +128,7 @@ def _check(engine: str, robot: str) -> EngineCheck:
     try:
         # largest difference between the engine's accelerations and M^-1 (torque - C dq - g), over the largest
         arm = load_nominal_arm(robot)
+        # the equation below has no friction
         silent = np.zeros(arm.n_joints)
         arm = replace(arm, coulomb=silent, viscous=silent)
         body = RigidBody(arm)
@@ -136,11 +137,13 @@ def _check(engine: str, robot: str) -> EngineCheck:
         with SimulatedArm(arm, (), STEP, engine=engine) as simulated:
             for _ in range(STATES):
                 q, dq = rng.uniform(-1, 1, (2, arm.n_joints))
+                # torque by acceleration: the same on light and heavy joints
                 torque = body.bias(q, dq) + body.mass_matrix(q) @ rng.uniform(
                     -5, 5, len(q)
                 )
                 simulated.reset(q, dq)
                 simulated.step(torque)
+                # by one step that is short beside any motion
                 found.append((simulated.dq - dq) / STEP)
                 expected.append(
                     np.linalg.solve(body.mass_matrix(q), torque - body.bias(q, dq))

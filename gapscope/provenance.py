@@ -37,6 +37,7 @@ LIBRARIES = (
 
 def source_files() -> list[Path]:
     """The files that a diagnosis is made from, in order."""
+    # sorted: the order of a folder differs from machine to machine
     files = [path for name in SOURCES for path in sorted((PACKAGE / name).rglob("*"))]
     return [path for path in files if path.suffix in ENDINGS]
 
@@ -46,6 +47,7 @@ def source_hash() -> str:
     own = own_sources()
     if not own:
         return _package_hash()
+    # apart by a zero byte, which no name or text has
     parts = [_package_hash(), *(part for source in own for part in source)]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
@@ -88,6 +90,7 @@ def made_from(case: Case | Path) -> dict[str, str]:
 
 
 def _case_hash(case: Case | Path) -> str:
+    # a case made in memory has no files: its numbers say all
     if isinstance(case, Case) and case.file is None:
         recordings = *case.recordings, *case.judged
         parts = [case.name, case.arm, recordings, case.controller]
@@ -121,6 +124,7 @@ def _contents(value: Any) -> Any:
     """A value as lists, dicts, arrays and bytes; what else it holds as Python shows it."""
     if is_dataclass(value) and not isinstance(value, type):
         record = {field.name: getattr(value, field.name) for field in fields(value)}
+        # two kinds of record with the same fields are not the same
         return {"": type(value).__name__, **_contents(record)}
     if isinstance(value, Mapping):
         return {str(key): _contents(entry) for key, entry in value.items()}
@@ -129,6 +133,7 @@ def _contents(value: Any) -> Any:
     if isinstance(value, Path):
         return read_bytes(value, "check the path", None)
     if isinstance(value, np.ndarray):
+        # the same numbers, however they lie in memory
         return np.ascontiguousarray(value)
     return repr(value)
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from gapscope.interface.result import Result
 
+# apart, so that results can go into a pipe while progress stays on the screen
 console = Console()
 log = Console(stderr=True)
 
@@ -51,6 +52,7 @@ class SearchProgress:
         self._quarters = -1
         self._bar: Any = None
         if log.is_terminal:
+            # a bar is for a screen: in a log it would be a page of lines
             from rich.progress import (
                 BarColumn,
                 TextColumn,
@@ -81,6 +83,7 @@ class SearchProgress:
             text = f"{self._label}: {self._text(best)}"
             self._bar.update(self._task, completed=share, description=text)
             return
+        # in a log a line for each quarter is enough
         quarters = int(4 * share)
         if quarters > self._quarters:
             self._quarters = quarters
@@ -103,6 +106,7 @@ def show(result: Result, *written: Path, as_json: bool = False) -> None:
     if as_json:
         from gapscope.arm.io.json_file import to_json
 
+        # not by the console, which would break its lines
         sys.stdout.write(to_json(result.document))  # type: ignore[attr-defined]
         return
     console.print(result.shown())

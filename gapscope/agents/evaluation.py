@@ -53,6 +53,7 @@ def disturbance(
     """Effects and encoders' noise [rad] of a motion of ``duration`` [s]; a push comes from any direction."""
     if name != "push":
         return (), NOISE * (name == "noise")
+    # three normal numbers prefer no direction in space
     direction = rng.standard_normal(3)
     start = START * duration
     force = FORCE * 9.81 * scale.lift * direction / np.linalg.norm(direction)
@@ -146,10 +147,12 @@ class TrackingBench:
         self.space = workspace(body)
         self._metrics = TrackingMetrics(arm, body, self.space)
         self._scale = ArmScale.of(arm)
+        # the arm as it is: what a perfect model would command
         self._truth = ArmModel(CorrectedArm(arm, effects))
         self._courses: dict[tuple[str, int], tuple[SampledReference, np.ndarray]] = {}
         self._margins: dict[str, float] = {}
         every = itertools.product(plan.motions, plan.seeds)
+        # all motions are drawn here: one that cannot be followed stops the plan at once
         courses = [self.course(motion, seed)[0] for motion, seed in every]
         along = np.vstack([course.motion.q[::POSTURE_TICKS] for course in courses])
         posture, tuning = self.space.posture, plan.tuning
@@ -179,6 +182,7 @@ class TrackingBench:
         if not limited:
             limit = np.full(self.arm.n_joints, np.inf)
         outside = self.plan.law == "feedforward"
+        # on the inertia of the nominal arm: the same loop for every model
         loop = tuning.gains(self._inertia)
         if isinstance(model, AgentModel):
             if not outside:
@@ -200,6 +204,7 @@ class TrackingBench:
         """A held-out motion, and the torque that must be commanded for it [N m], (N, n)."""
         key = (motion, seed)
         if key not in self._courses:
+            # each usual motion draws from numbers of its own, whatever else is planned
             number = MOTIONS.index(motion) if motion in MOTIONS else 99
             rng = np.random.default_rng((HELD_OUT, number, seed))
             reference = draw_motion(motion, rng, self.space, self.plan.duration)
@@ -215,7 +220,9 @@ class TrackingBench:
         if isinstance(model, AgentModel):
             model = model.model
         course, needed = self.course(motion, seed)
+        # what is tracked: neither the settling before nor the look-ahead beyond it
         rows = slice(course.first, course.ticks)
+        # PD alone plans nothing: its error is all that the motion needs
         planned = np.zeros_like(needed)
         if model is not None:
             planned = model.series(course.motion)
@@ -232,6 +239,7 @@ class TrackingBench:
         controller = self.controller(model)
         for motion in plan.motions:
             course, _ = self.course(motion, seed)
+            # planned once: no model knows a disturbance beforehand
             course = course.planned(controller)
             error = self.torque_error(model, motion, seed)
             for number, kind in enumerate(plan.disturbances):
@@ -266,8 +274,10 @@ class TrackingBench:
     def _largest_bandwidth(self, model: Candidate, engine: str) -> float:
         rng = np.random.default_rng(HELD_OUT)
         reference = draw_motion("fourier", rng, self.space, MARGIN_TIME)
+        # no settling: a kick would be forgotten before the arm moves
         course = SampledReference.of(reference, MARGIN_TIME, DT, settle=0.0)
         needed = self._truth.series(course.motion)
+        # what is planned does not depend on the gains: one plan for all of them
         course = course.planned(self.controller(model))
         tuning = self.plan.tuning
         with self._simulated(engine) as simulated:
@@ -333,6 +343,7 @@ def evaluate(
             for seed in bench.plan.seeds:
                 progress(f"{which}: tracks, seed {seed}")
                 compute = partial(bench.episodes, name, model, engine, seed)
+                # kept by seed: an evaluation that was stopped goes on where it was
                 key = ("episodes", name, engine, str(seed))
                 episodes += cell(key, model, compute)
             progress(f"{which}: raises the gains")

@@ -83,12 +83,14 @@ class ArmModel:
 
     def __init__(self, corrected: CorrectedArm) -> None:
         corrected.check()
+        # a force belongs to the recording in which it acted, not to the arm
         lasting = tuple(
             e for e in corrected.effects if not isinstance(e.effect, External)
         )
         self._corrected = replace(corrected, effects=lasting)
         self._nominal = RigidBody(corrected.arm, most_bytes=0)
         self._body = self._corrected.body(self._nominal)
+        # delay and lag both shift torque in time, to first order
         self.ahead = corrected.quantity("delay") + corrected.quantity("lag")
         instant = tuple(e for e in lasting if _instant(e.effect))
         self._instant = replace(self._corrected, effects=instant)
@@ -167,6 +169,7 @@ def named(entry: str) -> tuple[str, str]:
         return path.resolve().name, entry
     if entry in NAMES or not path.suffix:
         return entry, entry
+    # files that have this name in every folder: the folder tells them apart
     usual = path.stem in ("corrected", "identification") and path.resolve().parent.name
     return (usual or path.stem), entry
 
@@ -237,6 +240,7 @@ def read_arm(source: str, arm: NominalArm) -> CorrectedArm:
                 "identify the arm that is tracked, or give it as --robot",
                 file=path,
             )
+        # the identified arm stands where the nominal one does, with effects of its own
         return read_corrected_arm(identified, effects)
     raise InputError(
         f"unknown model {source!r}",

@@ -61,6 +61,7 @@ def mean_of(
     places_of: dict[Hashable, list[int]] = {}
     for place, stratum in enumerate(strata):
         places_of.setdefault(stratum, []).append(place)
+    # one column for each draw: places of all strata together, (N, draws)
     drawn = []
     for places in places_of.values():
         count = len(places)
@@ -98,6 +99,7 @@ class SummaryLine(NamedTuple):
 
     def plain(self) -> dict[str, Any]:
         """As JSON data."""
+        # Wilson's interval says something even if none of a few runs diverged
         low, high = binomtest(self.diverged, self.episodes).proportion_ci(
             method="wilson"
         )
@@ -123,6 +125,7 @@ def summarise(evaluation: Evaluation) -> list[SummaryLine]:
             motions = group["motion"].tolist()
             means = {}
             for name in MEASURES:
+                # the same draws for each measure: they differ by values alone
                 rng = np.random.default_rng(SEED)
                 means[name] = mean_of(group[name].tolist(), motions, rng)
             count, margin = len(group), evaluation.margins.get((model, engine))
@@ -139,11 +142,13 @@ def relation(lines: Sequence[SummaryLine]) -> float | None:
     Of the first disturbance alone; ``None`` for fewer than three values, or equal ones.
     """
     first = [line for line in lines if line.disturbance == lines[0].disturbance]
+    # a model that diverged has no error to be ranked by
     known = [line for line in first if isfinite(line.means["joint_error"].value)]
     torque, joint = (
         [line.means[name].value for line in known]
         for name in ("torque_error", "joint_error")
     )
+    # a rank needs values that differ
     if len(known) < 3 or len(set(torque)) == 1 or len(set(joint)) == 1:
         return None
     return float(spearmanr(torque, joint).statistic)

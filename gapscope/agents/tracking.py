@@ -128,6 +128,7 @@ class ComputedTorque(Feedforward):
 
     def __call__(self, now: Targets, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """Torque to command [N m], shape (n,)."""
+        # on an inertia of one the gains are w^2 and 2 zeta w
         stiffness, rate = self.gains
         wanted = now.ddq + stiffness * (now.q - q) + rate * (now.dq - dq)
         tau = self.inside(q, now.dq, wanted)
@@ -167,11 +168,13 @@ class AgentController(Feedforward):
             ahead = self._reference.take(
                 [self._tick + steps for steps in self._ahead], axis=0, mode="clip"
             )
+            # the order in which the environment lets an agent observe
             row = (now.q, now.dq, (ahead - now.q).ravel(), planned / control.rated)
             measured = (q, dq, now.q - q, self._action)
             chosen = self.agent.policy(
                 self._layout.assemble(measured, np.concatenate(row))
             )
+            # as the environment does with actions, in training and here
             self._action = np.clip(chosen, -1.0, 1.0)
         self._tick += 1
         error, rate, (kp, kd) = now.q - q, now.dq - dq, self.gains
@@ -224,6 +227,7 @@ class SampledReference(NamedTuple):
         first = round(settle / dt)
         ticks = np.arange(-first, round((duration + BEYOND) / dt))
         held = np.maximum(ticks, 0) * dt
+        # before t = 0 the reference rests where it will start
         moving = (ticks >= 0)[:, None]
         motion = Motion(
             t=ticks * dt,
@@ -285,12 +289,14 @@ def track(
     n = motion.q.shape[1]
     start_speed = np.zeros(n) + kick
     controller.begin(motion)
+    # before t = 0: the arm settles under the loop until then
     simulated.start(motion.q[0], start_speed, float(motion.t[0]))
     error_rate = VelocityFilter(
         1.0 / simulated.dt,
         cutoff,
         VELOCITY_DAMPING,
         np.zeros(n),
+        # starts at the true rate of the error: a kick must not look like a step
         motion.dq[0] - start_speed,
     )
     series = (motion.q, motion.dq, motion.ddq, course.torque)
@@ -301,9 +307,11 @@ def track(
     q, tau = np.empty((2, course.ticks, n))
     done, ran_away = course.ticks, False
     for i, (q[i], _, tau[i]) in enumerate(loop):
+        # the true speed: encoders would show it late
         if diverged(simulated.dq):
             done, ran_away = i, True
             break
+    # settling does not count; an arm that diverged meanwhile leaves no row
     rows = slice(min(course.first, done), done)
     return TrackingRun(motion.t[rows], motion.q[rows], q[rows], tau[rows], ran_away)
 
@@ -353,9 +361,11 @@ class TrackingMetrics:
         effort = track.tau / self._rated
         ends = np.arange(every, min(len(track.t), actions * every + 1), every)
         blocks = effort[: len(ends) * every].reshape(len(ends), every * effort.shape[1])
+        # the first action has none before it: its jump is within itself
         jump = effort[ends - 1] - effort[np.maximum(ends - 1 - every, 0)]
         error = track.q_ref[ends] - track.q[ends]
         rewards = Reward()(error, np.mean(blocks**2, axis=1), jump).total
+        # over all actions that were due: missing ones count as zero
         reward = float(rewards.sum()) / actions
         if track.diverged:
             return Measures(inf, inf, reward, inf, True)
@@ -418,13 +428,16 @@ def settles(
     ticks = max(1, round(SPAN / simulated.dt))
 
     def final_rate(series: np.ndarray) -> np.ndarray:
+        # over ``SPAN``: one step of an encoder would be a large speed
         rate = (series[ticks:] - series[:-ticks]) / (ticks * simulated.dt)
         last_third = rate[-len(rate) // 3 :]
         return np.sqrt(np.mean(last_third**2, axis=0))
 
     forgotten = final_rate(kicked.q - calm.q).max() < MAX_REMAINDER * KICK
     usual = np.diff(needed[::ticks], axis=0) / (ticks * simulated.dt)
+    # the scale of a healthy change, per joint, small joints not below a share of all
     allowed = MAX_TORQUE_RATE * torque_scale(usual)
+    # two arms that shake in step differ by nothing: each is looked at alone
     shakes = any((final_rate(run.tau) > allowed).any() for run in (calm, kicked))
     return bool(forgotten and not shakes)
 
@@ -438,6 +451,7 @@ def largest_factor(stable: Callable[[float], bool]) -> float:
     # from 1 downward, and only then upward
     order = sorted(FACTORS.tolist(), key=lambda f: (f > 1, abs(np.log2(f))))
     low = next((factor for factor in order if stable(factor)), 0.0)
+    # below 1 the doubled factor was tried on the way down, and is not stable
     high = 2 * low
     if low >= 1.0:
         while low < HIGHEST and stable(high):
@@ -445,6 +459,7 @@ def largest_factor(stable: Callable[[float], bool]) -> float:
     if low in (0.0, HIGHEST):
         return low
     while high / low > 1 + RESOLUTION:
+        # the middle on a logarithmic scale, as bandwidths differ by factors
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if stable(middle) else (low, middle)
     return low

@@ -97,6 +97,7 @@ def design(folder: Path) -> Design:
         )
 
     nominal = predicted()
+    # the scale of ``torque_nrmse``: of a joint, or a share of the largest one's
     deviation = torque.std(axis=0)
     scale = np.maximum(deviation, 0.05 * deviation.max())
     terms, columns = [], []
@@ -144,6 +145,7 @@ def _columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
             own = np.where(np.arange(n) == j - 1, change, 0.0)
             out.append((DesignColumn(effect, j), own))
     for applied in _single(n):
+        # a link's column is told by its link, a joint's by its joint, the base's by 0
         joint = int(applied.parameters.get("link", (*applied.joints, 0)[0]))
         column = DesignColumn(applied.name, joint)
         out.append((column, predicted(applied) - nominal))
@@ -192,6 +194,7 @@ NAMES = (*CATALOGUE, *FAULTS)
 
 def chance(n_joints: int, rng: np.random.Generator) -> dict[str, Any]:
     """Any effect on any joint, no gap, or unexplained, each as likely."""
+    # two more draws: the answers that name nothing
     drawn = int(rng.integers(len(NAMES) + 2))
     if drawn == len(NAMES):
         return answer("no_gap", [])
@@ -207,6 +210,7 @@ def largest_r2(design: Design) -> dict[str, Any]:
     """The one effect whose columns leave the smallest residual."""
     if design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
+    # each effect by itself, with all of its joints
     shares = {effect: residual_share(design, effect) for effect in _effects(design)}
     best = min(shares, key=lambda effect: shares[effect])
     if shares[best] > 1.0 - EXPLAINED:
@@ -223,15 +227,18 @@ def forward_bic(design: Design) -> dict[str, Any]:
     residual = design.gap
     score = _bic(residual, 0)
     while len(chosen) < MAX_COLUMNS:
+        # columns have unit length: the largest product explains most
         gain = np.abs(design.columns.T @ residual)
         gain[chosen] = 0.0
         candidate = [*chosen, int(gain.argmax())]
+        # all chosen are fitted again: a later one may take over from an earlier one
         fitted = design.columns[:, candidate] @ _fit(design, candidate)
         candidate_residual = design.gap - fitted
         candidate_score = _bic(candidate_residual, len(candidate))
         if candidate_score >= score:
             break
         chosen, residual, score = candidate, candidate_residual, candidate_score
+    # the gap is small, whatever the criterion finds in it
     if not chosen or design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
     explained = residual @ residual < (1.0 - EXPLAINED) * total
@@ -251,6 +258,7 @@ def ridge(design: Design, penalty: float = 1e-2) -> dict[str, Any]:
     if design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
     columns, gap = design.columns, design.gap
+    # one penalty for all: columns have unit length, and the gap no unit
     normal = columns.T @ columns + penalty * np.eye(columns.shape[1])
     weights = np.linalg.solve(normal, columns.T @ gap)
     residual = gap - columns @ weights
@@ -293,6 +301,7 @@ def _effects(design: Design) -> list[str]:
 
 
 def _fit(design: Design, places: list[int]) -> np.ndarray:
+    # columns that depend on each other share
     return np.linalg.lstsq(design.columns[:, places], design.gap, rcond=1e-8)[0]
 
 
@@ -323,6 +332,7 @@ def _named(
     effects = [design.terms[k].effect for k in chosen]
     length: dict[str, float] = {}
     for effect, weight in zip(effects, weights, strict=True):
+        # columns have unit length: weights add up as lengths do
         length[effect] = float(np.hypot(length.get(effect, 0.0), weight))
     least = EFFECT_SHARE * max(length.values())
     long_enough = [effect for effect in length if length[effect] >= least]
@@ -347,12 +357,14 @@ MAX_ITERATIONS = 500
 
 def features(design: Design) -> np.ndarray:
     """Residual share of each effect alone, its best joint's correlation; size and concentration of the gap."""
+    # an effect without columns leaves all: its share is 1
     residual = [residual_share(design, effect) for effect in EFFECTS]
     along = np.abs(design.columns.T @ design.gap) / np.linalg.norm(design.gap)
     best = []
     for effect in EFFECTS:
         places = design.places(effect)
         best.append(float(along[places].max()) if places else 0.0)
+    # sorted: the features know no joint by its number
     size = np.log(np.sort(design.nrmse)[::-1])
     spread = design.nrmse / design.nrmse.sum()
     entropy = -(spread * np.log(spread)).sum()

@@ -96,6 +96,7 @@ class BlindPlan:
             InputError: an effect or a robot is unknown, or a number cannot be.
         """
         _check_names("effects", self.effects, (*INSIDE, *SETUP, *own_names()))
+        # laws of a user are entered before the plan is used: all else looks them up
         enter_own_laws(self.effects)
         _check_names("robots", self.robots, ROBOTS)
         for field in COUNTS:
@@ -158,6 +159,7 @@ def read_plan(path: Path) -> BlindPlan:
     for key in content:
         if key not in known:
             raise InputError(f"unknown key {key!r}", remedy, file=path)
+    # tuples, as a plan cannot change, and is compared with one begun before
     values: dict[str, Any] = {
         key: tuple(value) if isinstance(value, list) else value
         for key, value in content.items()
@@ -167,9 +169,11 @@ def read_plan(path: Path) -> BlindPlan:
 
 def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     """The cases of a plan, in random order; the same seed gives the same cases."""
+    # 1 is the stream of the deck; each case draws from its own, 2 and its number
     rng = np.random.default_rng([seed, 1])
     effects = plan.effects or (*INSIDE, *SETUP)
     mixable = [name for name in effects if name not in (*ALONE, *SETUP, *BEYOND)]
+    # a ladder needs a measure of severity, and an effect with a name to find
     graded = [
         name
         for name in effects
@@ -184,15 +188,18 @@ def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     deck += [("triple", _mixed(mixable, 3, rng)) for _ in range(plan.triples)]
     deck += [("healthy", ())] * plan.healthy
     conditions = draw_conditions(rng, len(deck), plan.plain())
+    # of both one for each case: what is drawn does not depend on the kinds
     strong = allocate(rng, len(deck), STRONG, [1.0] * len(STRONG))
     weak = allocate(rng, len(deck), WEAK, [1.0] * len(WEAK))
     specs = []
     for k, (kind, laws) in enumerate(deck):
         severity = weak[k] if kind == "ladder" else strong[k]
+        # the law that made the case is also the one looked for: no accuracy
         if any(LAWS[name].recovery for name in laws):
             kind = "recovery"
         wanted = None if kind == "healthy" else severity
         specs.append(CaseSpec(kind, laws, wanted, conditions[k]))
+    # the number of a case must not tell its kind
     return [specs[k] for k in rng.permutation(len(specs))]
 
 
@@ -208,6 +215,7 @@ def _cycled(
 
 def _mixed(names: list[str], count: int, rng: np.random.Generator) -> tuple[str, ...]:
     """Different effects that do not hide each other by their nature."""
+    # of too few names none can be drawn: the error below says so
     size = min(count, len(names))
     for _ in range(1000):
         drawn = [str(name) for name in rng.choice(names, size, replace=False)]
@@ -275,12 +283,14 @@ def open_labels(cases: Path, labels: Path) -> dict[str, Any]:
     """
     labels = labels / LABELS if labels.is_dir() else labels
     content = read_json(labels, "give the labels that gapscope blind make wrote")
+    # labels that changed after the cases were published are not these
     if sha256(labels) != read_commitment(cases)["labels_sha256"]:
         raise InputError(
             "is not the file whose hash was published with the cases",
             f"give the labels that belong to {cases}, unchanged",
             file=labels,
         )
+    # the labels hold the hashes of the recordings, so these are sealed too
     for name, label in content["cases"].items():
         unseen = labels.parent / UNSEEN / f"{name}.csv"
         if not unseen.is_file() or sha256(unseen) != label["unseen_sha256"]:
@@ -299,6 +309,7 @@ def readable_labels(cases: Path, labels: Path | None = None) -> Path | None:
     the folders beside it, every ``labels.json`` with the hash that was committed to.
     """
     cases = cases.resolve()
+    # here any readable file is one too many; elsewhere only that with the hash
     certain = [labels_folder(cases)]
     if labels is not None:
         certain.append(labels.resolve())
@@ -376,6 +387,7 @@ def make(
     specs = allocate_cases(plan, begun["seed"])
     names = [f"case{k:04d}" for k in range(len(specs))]
     parts = folder / "parts"
+    # made is what has both: the folder comes last, so half a case is made again
     todo = [
         k
         for k, name in enumerate(names)
@@ -383,12 +395,14 @@ def make(
     ]
     done = len(specs) - len(todo)
     work = (
+        # numbers of its own for each case: going on gives the set that one go gives
         delayed(_made)(specs[k], names[k], (begun["seed"], 2, k), out, folder)
         for k in todo
     )
     for line in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
         done += 1
         progress(f"{done} of {len(specs)} made, {line}")
+    # as they were written: cases of an earlier run are among them
     cases = {
         name: read_json(parts / f"{name}.json", "run the command again")
         for name in names
@@ -414,8 +428,10 @@ def _begin(folder: Path, plan: BlindPlan, seed: int | None) -> dict[str, Any]:
             )
         return begun
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    # a secret seed: nobody can make the labels again from the cases
     begun = {
         "seed": secrets.randbits(64) if seed is None else seed,
+        # the salt keeps the hash from being found by making sets of likely seeds
         "salt": secrets.token_hex(16),
         "plan": plan.plain(),
     }
@@ -429,6 +445,7 @@ def _made(
     """Make one case; its folder is renamed into place at the end, after its label was written."""
     enter_own_laws(spec.laws)  # a process of its own does not have them yet
     aside = out / f".{name}"
+    # what an interrupted run left of this case goes first
     shutil.rmtree(aside, ignore_errors=True)
     shutil.rmtree(out / name, ignore_errors=True)
     unseen = folder / UNSEEN / f"{name}.csv"
@@ -440,6 +457,7 @@ def _made(
             folder / "parts" / f"{name}.json",
             private=True,
         )
+        # last: a folder in place has its label
         aside.rename(out / name)
     except OSError as error:
         raise GapscopeError(
@@ -492,6 +510,7 @@ def run(
             file=found,
         )
     folders = sorted(path.parent for path in cases.glob("*/case.yaml"))
+    # cases left out would make the figures those of a choice
     if len(folders) != commitment["cases"]:
         raise InputError(
             f"holds {len(folders)} cases, but {commitment['cases']} were committed to",
@@ -499,6 +518,7 @@ def run(
             file=cases,
         )
     _freeze(out, commitment)
+    # cases that failed stay to do
     todo = [folder for folder in folders if not _finished(out / folder.name)]
     done = len(folders) - len(todo)
     failed = 0
@@ -509,6 +529,7 @@ def run(
         failed += bool(problem)
         why = f": {problem}" if problem else ""
         progress(f"{done} of {len(folders)} done, {name}{why}")
+    # after the last case: hashes of all of them, failed ones too
     _close(out, [folder.name for folder in folders])
     return failed
 
@@ -521,6 +542,7 @@ def _freeze(out: Path, commitment: dict[str, Any]) -> None:
         write_json(now, file)
         return
     before = read_json(file, "choose another folder with --out")
+    # thresholds are part of the source; libraries are recorded, not held
     for key, what in (
         ("labels_sha256", "these are results on another set"),
         ("source_sha256", "the source changed"),
@@ -556,6 +578,7 @@ def _diagnosed(case: Path, out: Path) -> tuple[str, str]:
     except Exception as error:
         # one case does not stop the rest; the scorer counts it as failed
         problem = f"{type(error).__name__}: {error}"
+    # of a failure too: a case without it was interrupted
     write_json(
         {"seconds": round(time.perf_counter() - begin, 2), "error": problem}, out / DONE
     )

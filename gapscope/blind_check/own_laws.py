@@ -55,6 +55,7 @@ def _law(effect: TorqueLaw) -> Law:
             whole.deviation,
             whole.inertia,
             arm.armature,
+            # over the speed of a joint that rests values would have no end
             np.maximum(whole.speed, 0.1),
             np.ones(arm.n),
             arm.payload,
@@ -64,6 +65,7 @@ def _law(effect: TorqueLaw) -> Law:
         return {name: np.array(value) for name, value in found.items()}
 
     def act(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+        # the law takes a value of every joint: zero does nothing
         everywhere = [np.zeros(plant.arm.n) for _ in effect.names]
         for full, name in zip(everywhere, effect.names, strict=True):
             full[joints] = values[name]

@@ -64,6 +64,7 @@ def reliability(
     probability: np.ndarray, right: np.ndarray, bins: int = 10
 ) -> list[dict[str, float]]:
     """Per bin of probability that holds findings: its edges, how many, mean probability, share that is right."""
+    # a probability of one belongs to the last bin
     bin_of = np.minimum((np.asarray(probability) * bins).astype(int), bins - 1)
     rows = []
     for k in np.unique(bin_of).tolist():
@@ -95,6 +96,7 @@ def smallest_set(candidates: Sequence[tuple[str, float]], level: float) -> list[
     for name, probability in sorted(candidates, key=lambda c: -c[1]):
         out.append(name)
         total += probability
+        # the one that crosses the level belongs to the set
         if total >= level:
             break
     return out
@@ -171,6 +173,7 @@ def named(entry: dict[str, Any]) -> Named:
     link: Any = 0
     if entry["effect"] == "link_inertia":
         link = entry.get("parameters", {}).get("link", {}).get("value", 0)
+    # a link is a parameter like others: its value may be a list
     if isinstance(link, list):
         link = link[0]
     return Named(entry["effect"], tuple(entry["joints"]), int(link))
@@ -186,6 +189,7 @@ def same(one: Named, other: Named, n_joints: int, motions: Sequence[str]) -> boo
     """
     if one.effect == other.effect:
         return True
+    # by name: a class knows which of the two is which
     pair = {one.effect: one, other.effect: other}
     return any(
         c.holds(pair[c.first], pair[c.second], n_joints, motions)
@@ -287,8 +291,10 @@ def compare(
     closed: dict[str, Any] | None = None,
 ) -> Compared:
     """Set a diagnosis beside its label; ``None`` means a diagnosis that failed."""
+    # the last motion is the one held out: no diagnosis has seen it
     n, motions = len(label["gap"]), label["motions"][:-1]
     unknown = any(entry["effect"] == "unknown" for entry in label["effects"])
+    # what is outside the catalogue has no name that could be right
     entries = [entry for entry in label["effects"] if entry["effect"] != "unknown"]
     reported = document["effects"] if document else []
     verdict = document["verdict"] if document else "failed"
@@ -298,6 +304,7 @@ def compare(
     # of two empty sets the verdict decides
     jaccard = float(verdict == ("unexplained" if unknown else "no_gap"))
     if every:
+        # matched effects are in both: the union has them once
         jaccard = common / max(every - common, 1)
     if label["severity"] is None:
         severity = "healthy"
@@ -315,12 +322,14 @@ def compare(
         unknown=unknown,
         verdict=verdict,
         top=bool(found) and any(same(t, found[0], n, motions) for t in truth),
+        # of a healthy arm the verdict says all: no name can be exact
         exact=bool(truth) and common == len(truth) == len(found),
         exact_strict=bool(truth) and strict(truth, found),
         jaccard=jaccard,
         joints=tuple(
             set(truth[i].joints) == set(found[j].joints)
             for i, j in pairs
+            # effects of a class may act on other joints and still be the same
             if truth[i].joints and truth[i].effect == found[j].effect
         ),
         errors=tuple(error for error in errors if error is not None),
@@ -336,9 +345,11 @@ def first_parameter_error(truth: dict[str, Any], found: dict[str, Any]) -> float
     same_joints = set(truth["joints"]) == set(found["joints"])
     if truth["effect"] != found["effect"] or not same_joints:
         return None
+    # the first parameter is the effect's size, of a vector its length
     names = VECTORS.get(truth["effect"], tuple(truth["parameters"])[:1])
     given = found["parameters"]
     units = [truth["parameters"][name].get("unit") for name in names]
+    # without a unit it is no size that could be off
     if not names or "" in units or not set(names) <= given.keys():
         return None
     true, value = (
@@ -347,6 +358,7 @@ def first_parameter_error(truth: dict[str, Any], found: dict[str, Any]) -> float
     )
     if truth["effect"] in VECTORS:
         return float(np.linalg.norm(value - true) / np.linalg.norm(true))
+    # the same joints in another order
     order = [found["joints"].index(joint) for joint in truth["joints"]]
     error = np.abs(value[order] - true) / np.maximum(np.abs(true), 1e-12)
     return float(np.median(error))
@@ -367,6 +379,7 @@ def _finding(
     return ScoredFinding(
         probability=float(entry["probability"]),
         right=right[entry["effect"]],
+        # the truth may be among the rivals: the set covers it then
         covered=any(right[name] for name in chosen),
         size=len(chosen),
     )
@@ -401,13 +414,16 @@ def closure(
         recording = load_recording(unseen, loaded.arm, loaded.importing, every_row=True)
         arm = read_corrected_arm(loaded.arm, corrected)
         before = _nrmse(CorrectedArm(loaded.arm), recording)
+        # without effects nothing changes: not predicted twice
         after = _nrmse(arm, recording) if arm.effects else before
     except (GapscopeError, ValueError):
         return None
+    # near its floor a joint has nothing to close, and a share means nothing
     counts = before > ABOVE * floor
     if not counts.any():
         return None
     gained, wanted = (before - after)[counts], (before - floor)[counts]
+    # an arm that is made far worse counts as -1: one case must not outweigh the rest
     return {
         "mean": float(np.clip(gained.sum() / wanted.sum(), -1.0, 1.0)),
         "worst": float(np.clip((gained / wanted).min(), -1.0, 1.0)),
@@ -424,6 +440,7 @@ def _nrmse(arm: CorrectedArm, recording: Recording) -> np.ndarray:
     for effect in arm.effects:
         if effect.name == "torque_saturation":
             columns = np.array(effect.joints) - 1
+            # both sides at the limit: the motor gave no more, whatever was commanded
             limit = effect.parameters["limit"]
             torque = torque.copy()
             torque[:, columns] = np.clip(torque[:, columns], -limit, limit)
@@ -462,6 +479,7 @@ def summary(cases: Sequence[Compared]) -> dict[str, Any]:
         "by_inertials": _split(
             inside, lambda c: "off" if c.conditions["inertials_off"] else "true"
         ),
+        # single cases only: of a pair no score belongs to one of its effects
         "by_effect": _split(of("single"), lambda c: c.truth[0].effect),
         "healthy": healthy(of("healthy")),
         "unknown": unknown(cases),
@@ -494,6 +512,7 @@ def healthy(cases: Sequence[Compared]) -> dict[str, Any]:
     """False alarms: a healthy arm with the verdict of an effect or of an unexplained gap."""
     return {
         "count": len(cases),
+        # a diagnosis that failed raised no alarm
         "false_alarms": share([c.verdict not in ("no_gap", "failed") for c in cases]),
         "effects_named": share([bool(c.found) for c in cases]),
     }
@@ -513,6 +532,7 @@ def calibration(cases: Sequence[Compared]) -> dict[str, Any]:
     """Brier score, ECE and reliability of the probabilities; coverage and size of the sets at ``LEVEL``."""
     findings = [finding for c in cases for finding in c.findings]
     p = np.array([f.probability for f in findings])
+    # every finding counts by itself, however many a case has
     right = np.array([f.right for f in findings], dtype=float)
     mean_size = float(np.mean([f.size for f in findings])) if findings else None
     return {
@@ -533,6 +553,7 @@ def confusion(cases: Sequence[Compared]) -> dict[str, dict[str, int]]:
     table: dict[str, Counter[str]] = {}
     for case in cases:
         true = case.truth[0].effect if case.truth else "healthy"
+        # beside ``unexplained`` a name is only a part of the cause
         named = case.found and case.verdict != "unexplained"
         said = case.found[0].effect if named else case.verdict
         table.setdefault("unknown" if case.unknown else true, Counter())[said] += 1
@@ -557,6 +578,7 @@ def _split(
 
 def _order(name: str) -> tuple[float, str]:
     """Numbers by size, then names."""
+    # "0.5-3" goes by 0.5, "250 Hz" by 250
     head = name.replace(" Hz", "").split("-")[0]
     is_number = head.replace(".", "").isdigit()
     return (float(head), name) if is_number else (1e9, name)
@@ -622,6 +644,7 @@ def score(
     content = open_labels(cases, labels)
     truth = content["cases"]
     folder = labels if labels.is_dir() else labels.parent
+    # only from here on the truth is known: nothing is diagnosed any more
     progress("predicts the recordings held out")
     work = (
         delayed(_compare)(
@@ -658,6 +681,7 @@ def _compare(
     done = results / DONE
     seconds = read_json(done, "remove it")["seconds"] if done.is_file() else None
     closed = None
+    # a fault that shows in no torque has no torque gap to close
     if document is not None and label["measure"] == "torque" and label["effects"]:
         closed = closure(
             case, unseen, results / "corrected.yaml", np.array(label["floor"])
@@ -668,6 +692,7 @@ def _compare(
 def _frozen(results: Path, truth: dict[str, Any]) -> dict[str, Any]:
     """Whether the run was frozen: one source throughout, no diagnosis changed after it."""
     begun = read_json(results / FROZEN, "run gapscope blind run first")
+    # only a run that came to its end has them
     hashes = begun.get("diagnoses") or {}
     changed = [
         name for name in truth if hashes.get(name) != diagnosis_hash(results / name)
@@ -688,6 +713,7 @@ def _baselines(
 ) -> dict[str, Any]:
     """Figures of each plain method on the same cases."""
     designs = dict(zip(truth, _designs(cases, list(truth), jobs), strict=True))
+    # fixed, so that chance is the same whenever it is scored
     rng = np.random.default_rng(0)
     methods: dict[str, Callable[[Design], dict[str, Any]]] = dict(METHODS)
     if training is not None:
@@ -696,6 +722,7 @@ def _baselines(
         "chance": {k: chance(len(label["gap"]), rng) for k, label in truth.items()}
     }
     for method, function in methods.items():
+        # a case that a plain method cannot read counts as failed
         answers[method] = {
             k: None if x is None else function(x) for k, x in designs.items()
         }
@@ -729,11 +756,13 @@ def _design(folder: Path) -> Design | None:
 def _trained(cases: Path, labels: Path, jobs: int) -> Any:
     """The classifier, trained on the cases with at most one cause; what is outside the catalogue is ``unknown``."""
     truth = open_labels(cases, labels)["cases"]
+    # one class for each case: two causes have none
     names = [name for name, label in truth.items() if len(label["effects"]) <= 1]
     rows, classes = [], []
     for name, made in zip(names, _designs(cases, names, jobs), strict=True):
         if made is not None:
             rows.append(features(made))
             effects = [entry["effect"] for entry in truth[name]["effects"]]
+            # no effect is a class too
             classes.append((*effects, "healthy")[0])
     return train(np.stack(rows), classes)

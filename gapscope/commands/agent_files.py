@@ -78,6 +78,7 @@ def read_environment(source: str) -> tuple[Path, dict[str, Any]]:
     path, values = Path(source), dict[str, Any]()
     if source == NAME:
         return path, values
+    # neither a YAML file nor a path that exists: a name that was mistyped
     if path.suffix not in (".yaml", ".yml") and not path.exists():
         check_known("environment", source, (NAME,), where="--env")
     content = read_yaml(path, "check the path") or {}
@@ -92,6 +93,7 @@ def read_environment(source: str) -> tuple[Path, dict[str, Any]]:
         return InputError(problem, remedy, file=path, where=where)
 
     for key, value in content.items():
+        # an alias and the name it stands for are one key
         name = str(ALIASES.get(key, key))
         if key == "randomisation":
             remedy = "write those to be tried as effects: FILE"
@@ -111,6 +113,7 @@ def read_environment(source: str) -> tuple[Path, dict[str, Any]]:
 def _checked(name: str, value: Any, fault: Callable[..., InputError]) -> Any:
     """A value as the command's option takes it."""
     expected = next(kind for kind, keys in EXPECTED.items() if name in keys)
+    # in Python true and false are whole numbers
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     names = isinstance(value, list) and value and all(isinstance(x, str) for x in value)
     right = {
@@ -123,6 +126,7 @@ def _checked(name: str, value: Any, fault: Callable[..., InputError]) -> Any:
         raise fault(f"expected {expected}, got {value!r}", "", name)
     if expected == "a number":
         return float(value)
+    # a list of names as the option has it, with commas
     return ",".join(value) if names else value
 
 
@@ -147,9 +151,11 @@ def merge_options(
     path, values = read_environment(source)
 
     def given(name: str) -> bool:
+        # a default of the command must not win over the file
         from_user = context.get_parameter_source(name)
         return from_user is not None and from_user.name == "COMMANDLINE"
 
+    # paths in the file start from its folder, not from the current one
     if "effects" in values:
         values["effects"] = path.parent / values["effects"]
     known = values.keys() & options.keys()
@@ -164,6 +170,7 @@ def _arm(path: Path, values: dict[str, Any]) -> NominalArm:
     """The nominal arm that a file names, with its data sheet."""
     robot, sheet = values.get("robot", "kuka_iiwa"), values.get("sheet")
     place = path.parent / values.get("case", robot)
+    # a robot of the file may be a case too, with a data sheet of its own
     if "case" not in values and not is_case(place):
         return load_nominal_arm(robot, folder=path.parent, sheet=sheet, source=path)
     if sheet is not None:
@@ -191,6 +198,7 @@ def trained_in(
 ) -> tuple[dict[str, Any], list[Path]]:
     """Train, or go on, unless the folder holds the whole result; the content of ``agent.json``, and the files."""
     paths = [out / name for name in (POLICY, CURVE, PAGE, DOCUMENT)]
+    # the document is written last: what was interrupted lacks it
     if all(path.is_file() for path in paths):
         progress("is done already; --again trains anew")
         return json.loads((out / DOCUMENT).read_text(encoding="utf-8")), paths
@@ -203,6 +211,7 @@ def trained_in(
 def _digest(label: object, corrected: CorrectedArm) -> str:
     """Hash of an arm with effects by its content; its name and the place of its files do not matter."""
     arm, residual = corrected.arm, corrected.residual
+    # by their numbers: the same network in another file is the same model
     networks = () if residual is None else residual.networks
     return fingerprint(
         {
@@ -236,6 +245,7 @@ def claim(
         GapscopeError: it cannot be written to.
     """
     hidden = task.hidden
+    # these two have no file: their name says all
     plain = task.name in ("pd", "gravity") and task.name
     asked: dict[str, Any] = {
         "model": _digest(plain, task.believed),
@@ -246,6 +256,7 @@ def claim(
     }
     path = out / COMMAND
     if again:
+        # all that a training writes, and nothing else that lies in the folder
         for name in OURS:
             (out / name).unlink(missing_ok=True)
         for name in (CHECKPOINTS, EVENTS, LAST):
@@ -257,6 +268,7 @@ def claim(
             earlier = json.loads(path.read_text(encoding="utf-8"))
         except ValueError:
             earlier = {}
+        # as it was read: tuples are lists in JSON
         asked = json.loads(to_json(asked))
         if earlier == asked:
             return

@@ -63,6 +63,7 @@ def identify(
     from gapscope.interface.identify import identify as identify_case
     from gapscope.reports.identification import DOCUMENT
 
+    # a strength without an estimator asks for the one that has it
     if estimator == "consistent" and ridge is not None:
         estimator = "ridge"
     if estimator == "consistent" and singular_values is not None:
@@ -78,6 +79,7 @@ def identify(
         keep=split_names(keep) if keep else (),
     )
     with Progress(case.name or str(case)) as progress, locked(out):
+        # the document of an earlier run goes: one that is there is of this run
         begin_results(out, DOCUMENT)
         result = identify_case(case, settings, progress=progress)
         progress("writes the report")
@@ -115,6 +117,7 @@ def residual(
     from gapscope.reports.residual import DOCUMENT, summary, write_learnt
 
     needed = ("torch", "sklearn", *(("onnx",) if onnx else ()))
+    # asked before any work: training takes minutes
     if missing := [name for name in needed if find_spec(name) is None]:
         raise GapscopeError(
             f"training a residual network needs {', '.join(missing)}",
@@ -216,6 +219,7 @@ def train(
     from gapscope.commands.inputs import read_arm
     from gapscope.effects.corrected_file import error_context, read_corrected
 
+    # a rough model lacks torque, which an agent adds; to others it sets the gains
     agent = agent or (RESIDUAL if model in ROUGH else "ppo")
     settings = read_settings(
         agent, steps=steps, seed=seed, engine=engine, parallel=parallel or None
@@ -229,6 +233,7 @@ def train(
         task = Task.of(model, read_arm(robot), hidden)
         settings = task.settled(settings)
         task.check(settings)
+        # the hidden arm is made once before: an effect that it cannot have ends it here
         with error_context(effects, hidden or ()):
             task.trials(settings, 1, hidden=True).close()
         with locked(out):
@@ -249,6 +254,7 @@ def train(
             states = {
                 name: content[name][key] for name in ("untrained", "kept", "last")
             }
+            # an agent that was not tried there has no score
             if all(states.values()):
                 texts = [
                     f"{_joint_error(score)} {name}" for name, score in states.items()
@@ -351,6 +357,7 @@ def evaluate(
             content = evaluation_document(bench, evaluation, lines)
             progress("writes the page")
             paths = write_evaluation(content, lines, out)
+            # the results are whole: what was kept for going on goes
             cells.clear()
     console.print(tables(lines, content))
     correlation = content["rank_correlation_of_torque_and_joint_error"]

@@ -62,6 +62,7 @@ def make(
 
     counts = (singles, pairs, triples, outside, healthy, ladder)
     changes: dict[str, Any] = dict(zip(COUNTS, counts, strict=True))
+    # nothing named: the plan's, or those of the package
     changes["effects"] = split_names(effects) or None
     changes["robots"] = split_names(robots) or None
     with locked(out):
@@ -83,6 +84,7 @@ def _changed_plan(path: Path | None, changes: dict[str, Any]) -> BlindPlan:
     from gapscope.blind_check.check import BlindPlan, read_plan
 
     plan = read_plan(path) if path else BlindPlan()
+    # an option that was not given leaves the plan as it is
     given = {name: value for name, value in changes.items() if value is not None}
     return replace(plan, **given)
 

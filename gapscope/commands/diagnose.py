@@ -46,8 +46,10 @@ def diagnose(
 
             batch = Batch(tuple(cases), out, jobs, backend, again, against)
             code = diagnose_all(batch, progress)
+        # units are compared, and written, only if some are of one type
         wrote(*(out / name for name in (SUMMARY, UNITS) if (out / name).is_file()))
         raise typer.Exit(code)
+    # one case has its results in the folder itself, without one of its own
     case = cases[0]
     with Progress(case.name or str(case)) as progress:
         progress(LOADS)

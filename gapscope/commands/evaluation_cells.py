@@ -38,6 +38,7 @@ class Cells:
     def __init__(self, out: Path, bench: TrackingBench, again: bool = False) -> None:
         self._folder = out / FOLDER
         self.reused = 0
+        # seeds and engines are in the keys: with more of them what is kept still counts
         plan = replace(bench.plan, seeds=(0,), engines=bench.plan.engines[:1])
         self._common = [
             _source(),
@@ -67,6 +68,7 @@ class Cells:
         compute: Callable[[], Any],
     ) -> Any:
         """What a cell holds. Numbers that are infinite are written as Python reads them."""
+        # PD alone and gravity have nothing but their kind
         parts = [*self._common, *key, type(model).__name__]
         if isinstance(model, ArmModel):
             parts.append(_of(model))
@@ -83,6 +85,7 @@ class Cells:
         except (OSError, ValueError, KeyError):
             pass  # not kept, or cut short: made again
         value = compute()
+        # an arm that diverged has infinite errors, which are kept like others
         text = to_json({KEY: digest, "cell": key, "value": value}, allow_nan=True)
         with atomic_write(file) as aside:
             aside.write_text(text, encoding="utf-8")
@@ -98,6 +101,7 @@ def _of(model: ArmModel) -> str:
 def _source() -> str:
     """The program, its agents included, and the libraries."""
     folder = PACKAGE / "agents"
+    # agents lead to no diagnosis, so that the program's hash leaves them out
     own = {
         path.relative_to(folder).as_posix(): path
         for path in sorted(folder.rglob("*.py"))

@@ -44,6 +44,7 @@ def read_arm_and_controller(robot: str) -> tuple[NominalArm, Controller | None]:
     """
     path = Path(robot)
     if not is_case(path):
+        # a name or a URDF: only a case knows its controller
         return load_nominal_arm(robot), None
     case = load_case(path, read_recordings=False)
     return case.arm, case.controller
@@ -76,6 +77,7 @@ def read_recording(
         every_row=every_row,
         payload=case.payload_of(file),
     )
+    # other notes are said with a diagnosis; these are about rows that are missing
     for said in recording.notes:
         if said.startswith((DAMAGED, PAUSE)):
             note(f"{file}: {said}")
@@ -101,6 +103,7 @@ def check_places(effects: Path, out: Path, sealed: Path | None) -> None:
             "choose another",
             file=sealed,
         )
+    # recorded again from its own truth nothing is lost
     if (sealed / TRUTH).exists() and (sealed / TRUTH).resolve() != effects.resolve():
         raise InputError(
             "exists already and would be lost",
@@ -114,6 +117,7 @@ def chosen_controller(
 ) -> Controller | str:
     """The controller of a file, or the one known of a case; a control law for gains that fit the arm."""
     if controller is None:
+        # a case's own, else the first law, with gains that fit the arm
         return known or next(iter(LAWS))
     path = Path(controller)
     if path.suffix in (".yaml", ".yml") or path.is_file():
@@ -125,6 +129,7 @@ def chosen_controller(
             "of the controller: section of a case",
             where="controller",
         )
+    # of its law the case has real gains
     if known is not None and known.kind == controller:
         return known
     return controller

@@ -30,6 +30,7 @@ def inspect(
     from gapscope.reports.inspection import check_unused
 
     if out is not None:
+        # before the logs are read: a folder in use is refused
         check_unused(out)
     written: tuple[Path, ...] = ()
     with Progress(logs[0].name) as progress, locked(out):

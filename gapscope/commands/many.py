@@ -114,11 +114,13 @@ def fleet(
     say(str(overview.counts))
     show(overview)
     wrote(out / PAGE, out / DOCUMENT)
+    # a script that calls this has to learn that some failed
     raise typer.Exit(1 if overview.counts.failed else 0)
 
 
 def _paced(progress: Progress) -> Callable[[str], None]:
     """Passes a message on unless one was passed on just now: there may be thousands a minute."""
+    # the first message always passes
     last = -PACE
 
     def show(message: str) -> None:
@@ -208,8 +210,10 @@ def watch(
         learning=learn,
         false_alarms=false_alarms,
         rest=rest,
+        # once: nothing new is waited for
         until_idle=0.0 if once else until_idle,
     )
+    # if nothing is learnt, the recordings of the case say what is normal
     loaded = load_case(case, read_recordings=not learn) if case else None
     arm = loaded.arm if loaded else load_nominal_arm(str(robot))
     with locked(out):
@@ -238,6 +242,7 @@ def watch(
     )
     if out is not None:
         say(f"wrote {out}")
+    # asked to end before the first file it did what it was told
     if not (watched.read or watched.resumed or asked):
         raise GapscopeError(
             f"{source}: no recording was read",
@@ -250,6 +255,7 @@ def _stop_on_signals() -> Iterator[list[int]]:
     """A list that is no longer empty once the process was asked to end; asked again, it ends at once."""
     asked: list[int] = []
 
+    # asked a second time: the recording in work is not waited for
     def ask(number: int, _: FrameType | None) -> None:
         if asked:
             raise KeyboardInterrupt

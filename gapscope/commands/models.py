@@ -112,6 +112,7 @@ def view(
         chosen = recording_of(loaded, recording or 0)
         torque = predict_recording(loaded, chosen, model).tau
         moved, problem = None, ""
+        # without a controller or a torque nothing moves; the rest is still worth a look
         try:
             moved = replay_recording(loaded, chosen, model).replay.q
         except GapscopeError as error:
@@ -125,6 +126,7 @@ def view(
     wrote(out, layout)
     viewer = shutil.which("rerun")
     if open_ and viewer:
+        # not waited for: the viewer outlives the command
         subprocess.Popen([viewer, str(out)])
     elif open_:
         note(
@@ -180,6 +182,7 @@ def export(
     with Progress(corrected.name) as progress:
         progress(f"writes {format_}")
         arm, controller = read_arm_and_controller(str(robot if case is None else case))
+        # the output may be another path to what is read
         if out.exists() and out.resolve() in (corrected.resolve(), arm.urdf.resolve()):
             raise InputError(
                 "would be overwritten", "choose another file with --out", file=out

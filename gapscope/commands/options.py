@@ -109,11 +109,13 @@ def as_command(
 
     @wraps(function)
     def run(effects_from: Sequence[Path] | None = None, **options: Any) -> Any:
+        # before the function looks anything up in the catalogue
         for file in effects_from or ():
             from gapscope.effects.catalogue import load_effects
 
             load_effects(file)
         for name, group in groups.items():
+            # typer knows the options one by one, the function takes their group as one
             own = inspect.signature(group).parameters
             options[name] = group(**{key: options.pop(key) for key in own})
         return function(**options)
@@ -153,8 +155,10 @@ def _parameters(function: Callable[..., Any]) -> Iterator[inspect.Parameter]:
     plain = get_type_hints(function)
     for name, own in inspect.signature(function).parameters.items():
         marks = list(_marks(full[name]))
+        # typer gives the context by its type, without a mark
         if plain[name] is Context:
             yield own.replace(annotation=Context)
+        # a group stands for the options of its function
         elif marks and inspect.isfunction(marks[0]):
             yield from _parameters(marks[0])
         else:
@@ -167,9 +171,11 @@ def _asked(
 ) -> OptionInfo | ArgumentInfo:
     """What typer is told of a parameter: the mark in its annotation, if there is one, with name and help."""
     is_option = own.kind is own.KEYWORD_ONLY
+    # marks are shared by commands: each gets its own name and help
     asked = copy(marks[0] if marks else Option() if is_option else Argument())
     asked.help = asked.help or text
     name = f"--{own.name.rstrip('_').replace('_', '-')}"
+    # an option that is on by default is only of use with a way to turn it off
     if own.default is True:
         name = f"{name}/--no-{name[2:]}"
     if is_option:

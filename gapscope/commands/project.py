@@ -39,6 +39,7 @@ def demo(
     from gapscope.reports.truth_table import truth_table
 
     start = monotonic()
+    # drawn here, so that it can be told and drawn again
     seed = int(np.random.default_rng().integers(2**31)) if seed is None else seed
     with Progress("mystery arm") as progress, locked(out):
         engine = default_engine()
@@ -88,6 +89,7 @@ def doctor() -> None:
             say(
                 f"{check.engine}: {verdict} with pinocchio, accelerations differ by {check.difference:.1e}"
             )
+    # extras that are missing are no fault
     lacking = [p.name for p in found if p.version is None and not p.extra]
     wrong = [check.engine for check in checks if not check.agrees]
     if lacking or wrong:

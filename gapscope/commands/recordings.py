@@ -99,10 +99,12 @@ def record(
         check_engine(engine),
     )
     check_known("format", format_, ENDINGS, where="format")
+    # all that can be refused is, before anything is simulated
     truth, faults = read_with_faults(effects)
     check_places(effects, out, sealed)
     arm, known = read_arm_and_controller(robot)
     law = chosen_controller(controller, arm, known)
+    # before the simulation: a seal that cannot be written must not cost one
     if sealed is not None:
         make_folder(sealed)
     rng, name = np.random.default_rng(seed), out.resolve().name
@@ -113,6 +115,7 @@ def record(
     with Progress(out.name or str(out)) as progress, locked(out):
         with error_context(effects, truth):
             made = (name, arm, truth, plan, rng)
+            # faults lie in the log, not in the arm: they come after the recording
             case = record_case(*made, controller=law, progress=progress)
             for fault in faults:
                 case = fault.in_case(case, rng, arm)
@@ -177,6 +180,7 @@ def excite(
         budget=Budget(evaluations, seconds),
     )
     with SearchProgress(robot, criterion) as progress:
+        # before the search, which takes minutes
         check_csv(out)
         result = excite_arm(robot, plan, limits, seed=seed, progress=progress)
         paths = result.write(out)
@@ -231,6 +235,7 @@ def read_payload(mass: float | None, centre: str) -> KnownLoad | None:
     """
     from gapscope.arm.known_load import KnownLoad
 
+    # without a mass there is no body, whatever its centre
     if mass is None:
         return None
     try:

@@ -43,6 +43,7 @@ def saturate(
     slope = limit / np.maximum(no_load_speed - corner_speed, MIN_FALL)
     # a line that is far above all torque where there is none
     slope, beyond = np.where(falls, slope, 0.0), np.where(falls, 0.0, np.inf)
+    # ahead bounds positive torque by v, back negative torque by -v
     ahead, back = (
         np.minimum(bound, np.maximum(slope * (no_load_speed - v), 0.0) + beyond)
         for v in (series.velocity, -series.velocity)
@@ -79,10 +80,12 @@ def scaled_inverse(
     needed: np.ndarray, series: Series, scale: np.ndarray, *heat: np.ndarray
 ) -> np.ndarray:
     """The torque u of which that is left, by steps u = needed / (1 + s) / (1 - a Q(u)): what heat takes comes later."""
+    # without heat: the first guess, and the answer of a motor that stays cold
     cold = needed / (1.0 + scale)
     recorded = cold
     for _ in range(HEAT_STEPS if np.any((heat or NO_HEAT)[0]) else 0):
         before = recorded
+        # a motor that would lose all is kept from a division by nothing
         recorded = cold / np.maximum(faded(series, before, *heat), MIN_LEFT)
         if np.allclose(recorded, before, rtol=1e-6):
             break
@@ -121,9 +124,12 @@ def torque_limits(series: JointSeries, known: float | None) -> np.ndarray:
     if largest == 0:
         return np.zeros(0)
     seldom = float(np.quantile(recorded, 1.0 - LIMITED_TIME_HELD))
+    # one that torque exceeds for longer than this is no limit
     least = max(MIN_LIMIT * largest, seldom)
     if known is not None:
+        # a known limit is refined, by a tenth to both sides
         return np.clip(known * np.linspace(0.9, 1.1, 21), least, 0.999 * largest)
+    # at the largest torque a limit cuts nothing off
     steps = np.linspace(least, 0.98 * largest, LIMIT_GRID)
     ratios = np.geomspace(least, 0.97 * largest, LIMIT_GRID)[1:]
     return np.sort([*steps, *ratios])
@@ -143,12 +149,15 @@ def possible_limits(
     # needed torque in the direction of the recorded one, while that exceeds the limit: mean and mean square
     along, size = np.sign(recorded) * needed, np.abs(recorded)
     order = np.argsort(size)
+    # how many samples stay within each limit: the others are cut off
     within = np.searchsorted(size[order], limits, side="right")
     count = len(size) - within
     powers = np.stack([along, along**2])[:, order]
     up_to = np.pad(np.cumsum(powers, axis=1), ((0, 0), (1, 0)))
+    # all less those up to a limit: one sum for each of many limits
     sums = up_to[:, -1:] - up_to[:, within]
     mean, mean_square = sums / np.maximum(count, 1)
+    # mean square of what is needed less the limit
     apart2 = mean_square - 2 * mean * limits + limits**2
     apart = np.sqrt(np.maximum(apart2, 0.0))
     seldom = count / len(size) < LIMITED_TIME_TRACKING
@@ -169,6 +178,7 @@ def ripple_cycles(series: JointSeries, known: float | None) -> np.ndarray:
     speed = float(np.quantile(np.abs(np.concatenate(series.velocity)), 0.3)) / size
     # a joint that stands still shows no ripple; its columns are constant then, whatever the cycles
     least = max(MIN_CYCLES, MIN_PERIODS * 2 * np.pi / max(travel, MIN_TRAVEL))
+    # 75 rad/s: ripples up to 12 Hz at the speed of slow motion
     band = max(min(MAX_CYCLES, 75.0 / max(speed, 1e-3)), 30.0)
     return np.arange(least, least + band, step) / size
 
@@ -177,6 +187,7 @@ def draw_ripple(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Val
     """2 to 10 % of the torque of each joint, a whole number of times per revolution."""
     return {
         "amplitude": Drawn(0.02, 0.1, of="torque")(rng, scale, j),
+        # poles and teeth: whole numbers
         "cycles": np.round(Drawn(2.0, 100.0, log=True)(rng, scale, j)),
         "phase": Drawn(0.0, 2 * np.pi)(rng, scale, j),
     }

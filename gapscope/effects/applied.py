@@ -43,6 +43,7 @@ class AppliedEffect:
         """Check names, sizes and bounds."""
         effect, joints = by_name(self.name), list(self.joints)
         known, given = effect.names, [str(name) for name in self.parameters]
+        # what is absent by default may be left out, nothing else
         if not set(effect.needed) <= set(given) <= set(known):
             units = ", ".join(f"{p.name} in {p.unit}" for p in effect.parameters)
             remedy = f"give {units}"
@@ -55,6 +56,7 @@ class AppliedEffect:
                 remedy,
                 where=self.name,
             )
+        # joints are needed by effects of joints, and mean nothing to others
         if (effect.scope == "joint") != bool(joints):
             raise InputError(
                 f"an effect of scope {effect.scope}, but joints are {joints}",
@@ -69,6 +71,7 @@ class AppliedEffect:
                 f"joints count from 1 and occur once, got {joints}", where=self.name
             )
         values = {p.name: self._checked(p, effect.scope) for p in effect.parameters}
+        # a number in a file is a float: 2.0 is a link, 2.5 is none
         if effect.scope == "link" and values["link"] % 1:
             raise InputError(
                 f"a link is a whole number, got {float(values['link'])}",
@@ -106,6 +109,7 @@ class AppliedEffect:
                 remedy,
                 where=where,
             )
+        # bounds are what is possible, not what is usual: those are in the remedy
         low, high = parameter.bounds
         if not (
             np.isfinite(value).all() and (value >= low).all() and (value <= high).all()
@@ -116,6 +120,7 @@ class AppliedEffect:
                 f"{parameter.typical[1]:g}",
                 where=where,
             )
+        # records are shared: nobody may change values in place
         value.setflags(write=False)
         return value
 
@@ -146,6 +151,7 @@ class AppliedEffect:
         """
         self.check(n_joints)
         out = np.zeros(n_joints)
+        # joints count from 1, arrays from 0
         out[np.array(self.joints, dtype=int) - 1] = self.parameters[parameter]
         return out
 
@@ -177,6 +183,7 @@ def drives_with(joints: tuple[int, ...], **quantities: np.ndarray) -> AppliedEff
         quantities: all of one effect, increments to the nominal arm or the values themselves, each of shape (m,).
     """
     effect, _ = of_quantity(next(iter(quantities)))
+    # what is not given is absent
     values = {
         name: quantities[own]
         for name, own in effect.quantities.items()
@@ -246,8 +253,10 @@ def states_of(entries: Sequence[Entry], order: Sequence[str] = ()) -> tuple[Stat
         return ()
     others = (name for name in named if name not in order)
     states = []
+    # the last one named stands for recordings that are not known
     for name in dict.fromkeys([*others, *order]):
         places = [place for _, place in entries if place and name in place.recordings]
+        # cut wherever something begins or ends: within a part all hold or none
         times = {-np.inf, np.inf, *(t for p in places for t in (p.start, p.end))}
         for start, end in pairwise(sorted(times)):
             held = (e for e, p in entries if p is None or p.holds(name, start, end))

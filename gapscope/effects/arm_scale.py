@@ -24,6 +24,7 @@ def usual_load(arm: NominalArm) -> np.ndarray:
 
 def _postures(body: RigidBody) -> np.ndarray:
     """Postures within the limits [rad], shape (POSTURES, n), the same each time."""
+    # a joint without limits, or with wide ones: within half a turn
     low, high = (np.clip(limit, -np.pi, np.pi) for limit in body.position_limits())
     share = np.random.default_rng(0).uniform(size=(POSTURES, body.n_joints))
     return low + share * (high - low)
@@ -55,6 +56,7 @@ class ArmScale(NamedTuple):
         q = _postures(body)
         gravity = usual_load(arm)
         inertia = np.mean([np.diag(body.mass_matrix(posture)) for posture in q], axis=0)
+        # a joint whose axis lies along gravity bears no weight: it needs a size too
         torque = np.maximum(gravity, 0.05 * gravity.max())
         torque = np.maximum(torque, inertia)  # without gravity: 1 rad/s^2
         rotor = np.where(arm.armature > 0, arm.armature, inertia / 3)
@@ -64,6 +66,7 @@ class ArmScale(NamedTuple):
             torque,
             inertia,
             rotor,
+            # a limit of zero is one that nobody gave
             np.clip(np.where(speed > 0, speed, 1.0), 0.1, 2.0),
             mass,
             0.3 * mass.sum(),

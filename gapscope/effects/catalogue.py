@@ -175,6 +175,7 @@ def register(new: Effect) -> Effect:
     Raises:
         InputError: the catalogue has an effect of this name, or the effect cannot be used.
     """
+    # the same record once more, as when a file is imported twice, is no clash
     if known_effect(new.name) is new:
         return new
     check_effect(new)
@@ -208,11 +209,13 @@ def load_effects(file: Path | str) -> tuple[Effect, ...]:
     """
     path = Path(os.path.abspath(Path(file).expanduser()))
     text = read_text(path, f"give a Python file with an effect: {PAGE}")
+    # out of the list while it is read: a file that fails is not in it
     earlier = _files.pop(path, None)
     if earlier is not None:
         if earlier.text == text and all(map(_is_entered, earlier.effects)):
             _files[path] = earlier
             return earlier.effects
+        # what has taken its name since is not the file's to remove
         for old in filter(_is_entered, earlier.effects):
             remove(old.name)
     others = list(CATALOGUE.values())
@@ -221,6 +224,7 @@ def load_effects(file: Path | str) -> tuple[Effect, ...]:
         named = [one for one in effects_of(module) if one not in others]
         for one in named:
             _enter(one, path)
+        # what the file registered itself counts too
         entered = tuple(one for one in CATALOGUE.values() if one not in others)
         if not entered:
             raise InputError(
@@ -240,6 +244,7 @@ def load_effects(file: Path | str) -> tuple[Effect, ...]:
 
 def _pass_files_on() -> None:
     """Name the files of this process to those that it starts."""
+    # an empty list too: processes begun later must not have what was removed
     if _files or FILES in os.environ:
         os.environ[FILES] = os.pathsep.join(map(str, _files))
 
@@ -270,6 +275,7 @@ def remove(name: str) -> Effect:
     """
     removed = effect(name)
     CATALOGUE.pop(name, None)
+    # a file that lost an effect is read again when it is asked for
     for path in [path for path, own in _files.items() if removed in own.effects]:
         del _files[path]
     _pass_files_on()
@@ -279,6 +285,7 @@ def remove(name: str) -> Effect:
 @contextmanager
 def without(names: Collection[str]) -> Iterator[None]:
     """The catalogue of this process without some effects; afterwards all of it, in its order."""
+    # a copy: what is put back has its old order
     all_of_them = dict(CATALOGUE)
     for name in names:
         CATALOGUE.pop(name, None)
@@ -298,6 +305,7 @@ def explained(*, coupled: bool = False) -> list[Effect]:
     reported standard deviations depend on it.
     """
     names = list(CATALOGUE)
+    # users may take either of them out
     if {LOAD.name, STRIBECK.name} <= CATALOGUE.keys():
         names.remove(LOAD.name)
         names.insert(names.index(STRIBECK.name), LOAD.name)
@@ -330,6 +338,7 @@ def effect(name: str) -> Effect:
     """
     known = known_effect(name)
     if known is None:
+        # an effect of a user is unknown in a process that did not read its file
         near = get_close_matches(name, [*CATALOGUE, *COUPLED_MOTORS], n=1, cutoff=0.5)
         known_names = f"use one of {', '.join(sorted(CATALOGUE))}"
         raise InputError(

@@ -65,6 +65,7 @@ def total(values: np.ndarray, name: str, unit: str) -> np.ndarray:
     Raises:
         InputError: one is negative.
     """
+    # an increment below zero is fine as long as the data sheet has as much
     if (values < -ROUNDING).any():
         joint = int(values.argmin())
         raise InputError(
@@ -131,6 +132,7 @@ class CorrectedArm:
         return [
             (inside, replace(self, effects=state.effects, states=()))
             for state in mine
+            # a part between two samples holds none
             if (inside := (t >= state.place.start) & (t < state.place.end)).any()
         ]
 
@@ -185,6 +187,7 @@ class CorrectedArm:
     def value(self, name: str, parameter: str) -> np.ndarray:
         """Values of a joint effect's parameter over all joints, zeros if it does not act; shape (n,)."""
         n = self.arm.n_joints
+        # an effect may occur several times, on different joints
         named = (e.per_joint(parameter, n) for e in self.effects if e.name == name)
         return sum(named, np.zeros(n))
 
@@ -237,6 +240,7 @@ class CorrectedArm:
                 continue
             applied.check(n)
             values = applied.parameters
+            # a payload has no link of its own: it is the last one's
             link = int(values["link"]) - 1 if "link" in values else body.last_link
             out[link] += applied.effect.change(own[link], *values.values())
         return out
@@ -251,6 +255,7 @@ class CorrectedArm:
 
     def body(self, nominal: RigidBody) -> RigidBody:
         """Rigid bodies with payload, link errors and tilt, for a simulator."""
+        # R^T g: gravity in the base frame
         return nominal.changed(
             self.inertial_increments(nominal), self.base_rotation().T @ self.arm.gravity
         )
@@ -260,6 +265,7 @@ class CorrectedArm:
 
         A payload below zero takes mass from the last link at a point; with it may go more inertia than the link has.
         """
+        # a nominal arm that is at fault itself is not the effects'
         return not _is_movable(self.body(nominal)) and _is_movable(nominal)
 
     def true_position(self, q: np.ndarray) -> np.ndarray:
@@ -433,6 +439,7 @@ class CorrectedArm:
         torque = self.recorded_torque(needed, motion)
         if self.residual is None:
             return torque
+        # what the arm predicts is also the load that the network sees
         return torque + self.residual.torque(motion, torque)
 
 

@@ -68,6 +68,7 @@ def write_corrected(
         names = (name for state in states for name in state.place.recordings)
         content["recordings"] = list(dict.fromkeys(names))
     distances = [float(distance) for distance in presliding]
+    # zeros say what a file without them says
     if any(distances):
         content["presliding"] = distances
     if residual is not None:
@@ -97,6 +98,7 @@ def _with_states(states: Sequence[State]) -> list[dict[str, Any]]:
     """Entries of all states, what all of them have without a place, first."""
     each = [(state.place, list(map(described, state.effects))) for state in states]
     every = [entry for _, entries in each for entry in entries]
+    # what every state has needs no place, and stands once
     common = [
         entry
         for k, entry in enumerate(every)
@@ -105,11 +107,13 @@ def _with_states(states: Sequence[State]) -> list[dict[str, Any]]:
     placed: list[dict[str, Any]] = []
     for place, entries in each:
         times = {"from": place.start, "to": place.end}
+        # an open end is not written
         times = {name: t for name, t in times.items() if np.isfinite(t)}
         for entry in entries:
             if entry in common:
                 continue
             mine = {**entry, "recordings": list(place.recordings), **times}
+            # the same but for the recordings: one entry for all of them
             same = [x for x in placed if {**mine, "recordings": x["recordings"]} == x]
             if same:
                 same[0]["recordings"] += place.recordings
@@ -125,6 +129,7 @@ def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
         InputError: the file is missing, not YAML, or an entry is not an effect of the catalogue; names the entry.
     """
     content, entries, _ = _parsed(Path(path))
+    # an environment takes effects alone: it must not seem to have the rest
     if content.get("residual"):
         warnings.warn(
             f"{path}: the residual network is left out, it is no effect; to simulate it too, give the environment "
@@ -163,6 +168,7 @@ def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
     path = Path(path)
     content, entries, _ = _parsed(path)
     effects, states = _last(entries, content), _states(entries, content)
+    # part of the arm, not an effect: dry friction builds up over it
     if content.get("presliding") is not None:
         try:
             arm = replace(arm, presliding=content["presliding"])
@@ -190,11 +196,13 @@ def _parsed(
     for i, entry in enumerate(content["effects"]):
         where = f"effects[{i}]"
         named = str(entry.get("effect")) if isinstance(entry, dict) else ""
+        # only a file for recording may hold faults: an arm has none
         if with_faults and named in FAULTS:
             faults.append(_fault(entry, where, path))
             continue
         effect = read_entry(entry, where, path)
         place = None
+        # one of the three is enough to say that it holds somewhere
         if not _PLACE.isdisjoint(entry):
             limits = (entry.get("from"), -np.inf), (entry.get("to"), np.inf)
             times = [none if t is None else float(t) for t, none in limits]
@@ -212,6 +220,7 @@ def _parsed(
 
 def _check(content: Any, section: str, file: Path | None, where: str = "") -> None:
     """Check a file or an entry of it by its schema; raises ``InputError`` with what is expected."""
+    # times may be infinite, which a schema does not know
     content = plain(content, null_if_not_finite=True)
     fault = schema_fault(content, "corrected", section)
     if fault is None:
@@ -247,6 +256,7 @@ def described_fault(fault: Fault) -> dict[str, Any]:
     return {
         "effect": fault.name,
         "joints": list(joints),
+        # a fault of one kind has none
         **({"variant": variant} if variant else {}),
         "parameters": {
             name: list(value) if isinstance(value, tuple) else value
@@ -264,6 +274,7 @@ def _fault(entry: dict[str, Any], where: str, path: Path) -> Fault:
         "variant": entry.get("variant"),
         **entry.get("parameters", {}),
     }
+    # left out is the same as empty: the fault's own default
     given = {name: value for name, value in given.items() if value not in ((), None)}
     if unknown := sorted(
         set(given) - known | set(entry) - {"effect", "joints", "variant", "parameters"}
@@ -302,9 +313,11 @@ def error_context(
     try:
         yield
     except InputError as error:
+        # what is wrong with the whole file has no place among its effects
         whole = error.where in ("residual", "remainder")
         if path is not None and error.file is None and whole:
             raise error.at(Path(path)) from None
+        # an error names an effect, its parameter, or several with commas
         name = error.where.split(".")[0].split(",")[0]
         place = next(
             (i for i, applied in enumerate(effects) if applied.name == name), None
@@ -326,6 +339,7 @@ def read_entry(entry: Any, where: str, path: Path | None = None) -> AppliedEffec
         InputError: it is not an effect of the catalogue.
     """
     _check(entry, "entry", path, where)
+    # a diagnosis names faults too: they must not be read as effects of the arm
     if str(entry["effect"]) in FAULTS:
         raise InputError(
             f"{entry['effect']!r} is a fault of the set-up: it lies in recordings, not in the arm",

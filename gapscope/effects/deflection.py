@@ -64,6 +64,7 @@ class SpringRecursion:
         about = np.where(self._moving, delta[1:-1], delta[2:])
         by_stiffness = about + damping[1:-1] * rate
         blocks = [-self._inverse * x[:, None, :] for x in (by_stiffness, rate)]
+        # the static value by k: -k^-1 delta; a damper does nothing at rest
         start = np.hstack([-self._at_rest * delta[0], np.zeros_like(self._at_rest)])
         return self._solve(start, np.concatenate(blocks, axis=2))
 
@@ -343,6 +344,7 @@ def _deflections(
         fine = finer(series, parts)
         delta = _play(fine, k, d, half, h)
         held = np.isfinite(delta).all() and np.abs(delta).max() <= half + FARTHEST
+        # a link that ran away is taken to lie on the flank that the torque presses
         if not held:
             delta = half * np.sign(fine[:, 3])
         followed = _with_rates(delta[::parts], 1.0 / rate)
@@ -368,6 +370,7 @@ def _play(
     # numbers of Python are faster than those of arrays, and overflow without a word: see ``held``
     half, k, damper = float(half), float(stiffness), float(damping / h)
     flank = half if torque[0] > 0 else -half
+    # at rest on its flank, bent by the first torque
     start = flank + float(torque[0]) / k
     now, before = start, start
     # (m / h^2 + c / h + g) new = push + m / h^2 (2 now - before) + c / h now

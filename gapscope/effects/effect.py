@@ -221,6 +221,7 @@ def derivative(
     step: float = DIFFERENCE,
 ) -> np.ndarray:
     """Derivative of a function by coordinates x, (linear,), by central differences; they come last, (..., linear)."""
+    # one coordinate at a time, to both sides: the error is of the second order
     steps = step * np.eye(len(x))
     pairs = [function(x + side) - function(x - side) for side in steps]
     return np.stack(pairs, axis=-1) / (2 * step)
@@ -394,6 +395,7 @@ class LinkChange(Inertial):
             # one place, of which the axis is dropped
             values = self.fitted.values(x[:, None], np.zeros((0, 1)))
             named = [np.squeeze(values[name], axis=-1) for name in values]
+            # in the order of the law: its link, if it has one, then the rest
             return self.change(own, *where, *named)
 
         return derivative(change, x)
@@ -514,4 +516,5 @@ class External(Effect):
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """-J^T while it acts."""
         active = self.active(at.motion.t, *searched[:, 0])
+        # what the force does the motors need not; the arm is its only place
         return (-active[:, None, None] * at.unit_force)[..., None]

@@ -22,11 +22,13 @@ def tilt(roll: float, pitch: float) -> np.ndarray:
 
 def acts(t: np.ndarray | float, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """1 from start to end, 0 elsewhere; times in s."""
+    # the end is not in it: two forces in a row do not add up at one sample
     return ((np.asarray(t) >= start) & (np.asarray(t) < end)).astype(float)
 
 
 def tilt_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
     """Roll = x0, pitch = x1, within a turn."""
+    # an angle beyond half a turn is the same roll, from the other side
     roll = np.where(
         np.abs(x[0]) > np.pi, np.remainder(x[0] + np.pi, 2 * np.pi) - np.pi, x[0]
     )
@@ -49,6 +51,7 @@ def draw_tilt(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Value
 
 def draw_force(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
     """20 to 60 % of the weight that the arm may carry, in any direction, for 0.5 to 3.5 s."""
+    # three normal numbers prefer no direction
     direction = rng.standard_normal(3)
     start = rng.uniform(1.0, 4.0)
     size = 9.81 * scale.lift * rng.uniform(0.2, 0.6)

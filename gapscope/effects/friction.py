@@ -41,8 +41,10 @@ def friction_direction(
         # a step dq without reversal takes s to sgn dq + (s - sgn dq) exp(-|dq| / z_s), exactly: an affine map, so that
         # the state is the running composition of maps, which takes log2 N passes over the series instead of N steps
         step = np.diff(position[:, bends], axis=0, prepend=position[:1, bends])
+        # what is left of the bend before: none after a way of several distances
         factor = np.exp(-np.abs(step) / distance[bends])
         state = np.sign(step) * (1.0 - factor)
+        # before the first sample nothing is known but the velocity
         state[0] = direction[0, bends]
         reach = 1
         while reach < len(position):
@@ -118,6 +120,7 @@ COULOMB = DryLaw(
         ("viscous_friction", "the same path at a tenth of the speed"),
     ),
     law=lambda signals, torque: torque * signals.direction,
+    # of the shape of the velocity, as amplitudes of other laws are
     amplitude=lambda velocity, load, torque: torque + 0.0 * velocity,
     parametrisation=linear_in(COULOMB_TORQUE, data_sheet="coulomb"),
     severity=drawn(torque=Drawn(0.05, 0.3, of="torque", each=False)),
@@ -140,6 +143,7 @@ VISCOUS = TorqueLaw(
     ),
     law=lambda signals, coefficient: coefficient * signals.velocity,
     parametrisation=linear_in(VISCOUS_COEFFICIENT, data_sheet="viscous"),
+    # at the usual speed 5 to 30 % of the torque of the joint
     severity=lambda rng, scale, j: {
         "coefficient": scale.torque[j] / scale.speed[j] * rng.uniform(0.05, 0.3)
     },

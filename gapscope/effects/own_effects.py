@@ -71,6 +71,7 @@ def run_file(path: Path) -> ModuleType:
     # by its path: files of one name in two folders are two modules, the same in every process
     module = ModuleType(f"{path.stem}_{crc32(str(path).encode()):08x}")
     module.__file__ = str(path)
+    # before it is run: dataclasses and pickles look their module up by its name
     sys.modules[module.__name__] = module
     try:
         exec(compile(text, str(path), "exec"), vars(module))
@@ -83,6 +84,7 @@ def run_file(path: Path) -> ModuleType:
         ) from None
     except InputError as error:
         raise error.at(path) from None
+    # a file may end itself: that is no reason to end this process
     except (Exception, SystemExit) as error:
         raise InputError(
             f"fails while it is read ({type(error).__name__}: {error})",
@@ -95,6 +97,7 @@ def run_file(path: Path) -> ModuleType:
 
 def _line(path: Path, error: BaseException) -> str:
     """The last line of the file that an exception went through."""
+    # the last one in the file: what is called from it lies elsewhere
     trace, line = error.__traceback__, 0
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == str(path):
@@ -112,6 +115,7 @@ def effects_of(value: Any) -> list[Effect]:
         return []
     found: list[Effect] = []
     for item in held:
+        # by identity: one record under two names is one effect
         if isinstance(item, Effect) and all(item is not other for other in found):
             found.append(item)
     return found
@@ -123,6 +127,7 @@ def installed_effects() -> Iterator[tuple[str, str, Effect]]:
     Raises:
         InputError: an entry point cannot be loaded, or brings none.
     """
+    # in one order: entry points come as the machine has installed them
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         package = point.dist.name if point.dist else point.value
         version = point.dist.version if point.dist else ""
@@ -174,9 +179,11 @@ def _check_record(effect: Effect) -> None:
                 "use snake case: small letters, digits and underscores, as in cogging_torque",
             )
     kind = type(effect).__name__
+    # a record without a law does nothing anywhere
     if not isinstance(effect, KINDS):
         names = ", ".join(known.__name__ for known in KINDS)
         raise _refused(effect, "", f"{kind} has no law", f"make it one of {names}")
+    # where a kind of effect can act follows from what its law takes
     scopes: tuple[str, ...] = ("joint",)
     if isinstance(effect, LinkChange):
         scopes = ("link", "arm")
@@ -209,6 +216,7 @@ def _check_values(effect: Effect) -> None:
     """Check that fitting and drawing give the parameters, and that a search for one has a place to begin."""
     fit, draw, given = effect.parametrisation, effect.severity, {}
     if fit is not None:
+        # other kinds begin with starts of their own
         on_grid = isinstance(effect, TorqueLaw | Drift) and bool(fit.nonlinear)
         if on_grid and (fit.grid is None or len(fit.nonlinear) > 1):
             raise _refused(
@@ -221,6 +229,7 @@ def _check_values(effect: Effect) -> None:
         given["parametrisation"] = partial(fit.values, *x)
     if draw is not None:
         ones = np.ones(_JOINTS)
+        # a unit of everything: only names and shapes are looked at
         scale = ArmScale(ones, ones, ones, ones, ones, 1.0)
         joints = np.arange(_JOINTS if effect.scope == "joint" else 0)
         given["severity"] = partial(draw, np.random.default_rng(0), scale, joints)
@@ -304,6 +313,7 @@ def _trials(effect: Effect) -> list[_Trial]:
 def _check_law(effect: Effect, trial: _Trial) -> None:
     """Check a law with typical values of the parameters, with one sample alone, and without the effect."""
     law, without = getattr(effect, trial.name), trial.without
+    # another value on each joint, so that a law that mixes joints shows
     typical = [np.linspace(*p.typical, _JOINTS) for p in effect.parameters]
     refused = partial(_refused, effect, trial.name)
 
@@ -316,6 +326,7 @@ def _check_law(effect: Effect, trial: _Trial) -> None:
                 f"let it take {trial.takes} and the parameters {', '.join(effect.names)}, in this order; it gets "
                 f"arrays and uses functions of numpy: {PAGE}",
             ) from error
+        # a law may give less than that, as long as it broadcasts
         wanted = without[rows].shape
         try:
             return np.broadcast_to(result, wanted)
@@ -331,6 +342,7 @@ def _check_law(effect: Effect, trial: _Trial) -> None:
             "gives nan or infinity for typical values of its parameters",
             "keep what it divides by away from zero, and powers of negative numbers out",
         )
+    # what lies on the way may need a series: one sample is no trial for it
     for row in range(0 if isinstance(effect, WayToJoint) else _N):
         if not np.allclose(computed(row, typical), series[row], atol=1e-9):
             raise refused(

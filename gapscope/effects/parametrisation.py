@@ -138,6 +138,7 @@ def linear_in(
 
     What multiplies speed, or is a torque itself, has no usual size: arms differ by orders of magnitude.
     """
+    # torque and what multiplies speed go with the size of the arm
     sized = parameter.unit not in ("N m", "N m s/rad")
     return Parametrisation(
         lambda x, _: {parameter.name: x[0]},

@@ -52,6 +52,7 @@ class Memory:
         way = (q - self._q)[:, None]
         self._q = q
         self._stop = np.clip(self._stop + way, -REACHES, REACHES)
+        # exact for a load that stays over the step, however long it is
         share = -np.expm1(-dt / WARMING)
         self._heat = self._heat + share * ((load**2)[:, None] - self._heat)
         return np.hstack([self._stop / REACHES, self._heat])
@@ -180,10 +181,12 @@ class Inputs:
     ) -> np.ndarray:
         """The same of channels in their units, (n, N, C), at a rate [Hz]."""
         back = self.spacing * rate * np.arange(self.taps - 1, -1, -1)
+        # before the first sample the arm stood: its window repeats that sample
         place = np.maximum(rows[:, None] - back, 0.0)
         before = np.floor(place).astype(int)
         part = (place - before)[None, :, :, None]
         after = np.minimum(before + 1, series.shape[1] - 1)
+        # the spacing need not be a whole number of samples: a line in between
         between = (1.0 - part) * series[:, before] + part * series[:, after]
         scaled = between - self.mean[:, None, None]
         return np.asarray(scaled / self.std[:, None, None])
@@ -206,11 +209,13 @@ def channels_with(
 ) -> np.ndarray:
     """The same with the memory known, (n, N, STATES); the signals are (N, n)."""
     n = q.shape[1]
+    # many speeds of turning: their sums are friction of any shape about standstill
     direction = np.tanh(dq[:, :, None] / SPEEDS)
     series = (dq, ddq, load, direction[:, :, OF_OTHERS])
     joints = []
     for j in range(n):
         own = np.stack([dq[:, j], ddq[:, j], load[:, j]], axis=1)
+        # the joint itself comes first, others in their order without it
         others = [np.delete(x, j, axis=1) for x in series]
         angle = np.hstack([q[:, [j]], np.delete(q, j, axis=1)])
         posture = [angle, np.sin(angle), np.cos(angle)]
@@ -255,10 +260,12 @@ class Basis(NamedTuple):
 
     def parts(self, now: np.ndarray) -> list[np.ndarray]:
         """The functions by kind, each (n, N, .), of normalised channels (n, N, C)."""
+        # held within the range of training: waves repeat beyond it
         x = np.clip(now, self.low[:, None], self.high[:, None])
         n = len(self.low)
         at = Layout(n)
         direction, memory = x[..., at.direction], x[..., at.memory]
+        # of the joint's channels: 0 velocity, 1 acceleration, 2 load
         speed, load, friction = x[..., :1], x[..., 2:3], direction[..., [FRICTION]]
         strain, warmth = memory[..., : len(REACHES)], memory[..., len(REACHES) :]
         others = x[..., at.others]
@@ -279,6 +286,7 @@ class Basis(NamedTuple):
             x[..., 1:2],
             others,
             *(_random_waves(own, self.own, length) for length in LENGTHS),
+            # states of more joints lie farther apart: longer waves
             _random_waves(everything, self.everything, np.sqrt(n) * 1.5),
         ]
 
@@ -299,6 +307,7 @@ class Basis(NamedTuple):
 
 def _random_waves(x: np.ndarray, waves: np.ndarray, length: float) -> np.ndarray:
     """Cosines along random directions, (n, N, W), of x (n, N, D)."""
+    # the last row holds the phases
     return np.cos(x @ waves[:-1] / length + waves[-1])
 
 
@@ -316,6 +325,7 @@ def draw_basis(low: np.ndarray, high: np.ndarray, seed: int) -> Basis:
 def part_of_each(basis: Basis) -> np.ndarray:
     """Number of the part that each function belongs to, (F,)."""
     n, channels = basis.low.shape
+    # by a trial: the number of functions does not depend on the values
     sizes = [part.shape[2] for part in basis.parts(np.zeros((n, 1, channels)))]
     return np.repeat(np.arange(len(sizes)), sizes)
 
@@ -350,12 +360,14 @@ class Trust(NamedTuple):
 
 def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Distance from each point, (n, N, C), to the nearest of the others, (n, L, C); shape (n, N)."""
+    # the square of a - b is a^2 - 2 a b + b^2: one product in place of all differences
     cross = points @ others.transpose(0, 2, 1)
     square = (
         (points**2).sum(axis=2)[:, :, None]
         - 2.0 * cross
         + (others**2).sum(axis=2)[:, None]
     )
+    # rounding may make it a little negative
     return np.sqrt(np.clip(square.min(axis=2), 0.0, None))
 
 
@@ -403,6 +415,7 @@ class Network:
 
     def hidden(self, windows: np.ndarray) -> np.ndarray:
         """What the head sees, h_K, (M, n, N, hidden), of windows (n, N, taps, C); one for all members of a basis."""
+        # its functions hold no past: memory is among the channels
         if self.basis is not None:
             return self.basis.features(windows[:, :, -1])[None]
         n, count = windows.shape[:2]
@@ -484,6 +497,7 @@ class ResidualNetwork:
         """Residual torque with its standard deviation and trust."""
         self.check(motion.q.shape[1])
         count = len(motion.t)
+        # windows of a whole recording would fill the memory
         rows = np.array_split(np.arange(count), max(1, -(-count // CHUNK)))
         # the memory of a motion is followed from its beginning, once
         series = channels(motion, load)
@@ -496,6 +510,7 @@ class ResidualNetwork:
     def of_windows(self, windows: np.ndarray) -> NetworkPrediction:
         """The same of normalised windows (n, N, taps, C); one sample of a running arm is N = 1."""
         mean, spread, _ = self.outputs(windows)
+        # the present sample, and of it what tells a state
         near = windows[:, :, -1, self.inputs.layout.neighbourhood]
         trust = self.trust.factor(near).T
         torque = np.clip(trust * self.scale * mean, -self.bound, self.bound)
@@ -514,6 +529,7 @@ class ResidualNetwork:
                 continue
             output, log_variance = (x[:, joints] for x in network.outputs(windows))
             mean[:, joints] = output.mean(axis=0).T
+            # variance of a mixture: between the members, plus the mean of their own
             variance = output.var(axis=0) + np.exp(log_variance).mean(axis=0)
             spread[:, joints] = np.sqrt(variance).T
             apart[:, joints] = output.std(axis=0).T
@@ -546,6 +562,7 @@ def write_residual(residual: ResidualNetwork, path: Path | str) -> None:
     }
     for name in ("chosen", "scale", "bound", "cutoff"):
         arrays[name] = getattr(residual, name)
+    # arrays go by the form: there is one network of each
     for network in residual.networks:
         of_form = {"layers": len(network.weights), "seen": network.seen}
         for k, weight in enumerate(network.weights):
@@ -590,6 +607,7 @@ def read_residual(path: Path | str) -> ResidualNetwork:
 
     def count(name: str) -> int:
         number = int(array(name))
+        # a damaged number must not make arrays of any size
         if not 0 <= number <= LARGEST_COUNT:
             raise InputError(
                 f"is {number}, expected 0 to {LARGEST_COUNT}",
@@ -614,6 +632,7 @@ def read_residual(path: Path | str) -> ResidualNetwork:
 
     schema = int(array("schema"))
     forms = ["unknown"]
+    # forms of another schema may mean anything: they are not read
     if schema == SCHEMA:
         forms = [str(form) for form in array("forms", None, kinds="U")]
     if schema != SCHEMA or not set(forms) <= set(FORMS):
@@ -622,6 +641,7 @@ def read_residual(path: Path | str) -> ResidualNetwork:
             "train it again, or use the version of Gapscope that wrote it",
             file=path,
         )
+    # the number of joints by one array; all others have to agree
     n = len(array("scale", None))
     layout = Layout(n)
     mean, std = (array(name, n, layout.channels) for name in ("mean", "std"))

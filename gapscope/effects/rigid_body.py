@@ -32,6 +32,7 @@ def link_change(
     about_centre = own - point_mass_parameters(old, centre)
     new = old + float(mass)
     moved = point_mass_parameters(new, centre + com)
+    # a link of another mass keeps its shape: inertia goes with the mass
     moved[4:] += about_centre[4:] * (new / old if old != 0 else 1.0)
     return moved - own
 
@@ -46,6 +47,7 @@ def payload_tangent(x: np.ndarray) -> np.ndarray:
     def change(x: np.ndarray) -> np.ndarray:
         return point_mass_parameters(x[0], x[1:] / x[0])
 
+    # a step of the mass for all: first moments are of its order
     return derivative(change, x, 1e-4 * abs(mass))
 
 
@@ -66,12 +68,14 @@ def clip_link(x: np.ndarray) -> np.ndarray:
 
 def draw_payload(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
     """10 to 60 % of what the arm may carry, within 12 cm of the last joint's frame."""
+    # a tool lies beyond the flange, not within the arm
     com = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.1)])
     return {"mass": np.array(scale.lift * rng.uniform(0.1, 0.6)), "com": com}
 
 
 def draw_link(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
     """10 to 40 % of the mass of a link that has one, more or less, and up to 2 cm along each axis."""
+    # a massless link has nothing of which a share could be missing
     link = int(rng.choice(np.flatnonzero(scale.mass > 0)))
     return {
         "link": np.array(link + 1.0),

@@ -59,6 +59,7 @@ def draw(
     drawn = definition.severity and definition.severity(rng, scale, j)
     clipped = {}
     for p in definition.parameters:
+        # a parameter that need not be given is only there if it is drawn
         if p.absent is not None and p.name not in (drawn or {}):
             continue
         if drawn:
@@ -68,5 +69,6 @@ def draw(
             size = len(j) if definition.scope == "joint" else p.size
             even = rng.uniform(*p.typical, size)
             value = even if definition.scope == "joint" or size > 1 else even[0]
+        # a large or small arm may bring a value out of what is possible
         clipped[p.name] = np.clip(value, *p.bounds)
     return AppliedEffect(name, chosen, clipped)

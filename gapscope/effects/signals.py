@@ -71,6 +71,7 @@ class MotionSeries:
         """The series behind its lag, which begins at a share of its first value."""
         dt = float(self._t[1] - self._t[0])
         out = np.array(series)
+        # without a time constant a series follows itself at once
         for joint in np.flatnonzero(time_constant):
             u = series[..., joint]
             time = float(time_constant[joint])
@@ -110,8 +111,10 @@ def slow_with_rates(
     deflection: np.ndarray, motion: Motion
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The part of a deflection [rad], (N, n), below ``SLOW_DEFLECTION``, with two derivatives by time."""
+    # a slow log has no such band: below Nyquist's frequency then
     cutoff = min(SLOW_DEFLECTION, 0.4 * motion.rate)
     sos = butter(4, cutoff, output="sos", fs=motion.rate)
+    # three of its periods, as far as there are samples
     padding = min(len(motion.t) - 1, int(3 * motion.rate / SLOW_DEFLECTION))
     slow = sosfiltfilt(sos, deflection, axis=0, padlen=padding)
     rate = np.gradient(slow, motion.t, axis=0)

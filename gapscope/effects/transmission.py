@@ -59,6 +59,7 @@ def elasticity_starts(inertia: float, torque: np.ndarray) -> Iterator[np.ndarray
         stiffness = inertia * (2 * np.pi * resonance) ** 2
         for ratio in DAMPING_RATIOS:
             damping = 2 * ratio * np.sqrt(stiffness * inertia)
+            # the coordinates that a fit has: 1 / k and d / k^2
             yield np.array([1 / stiffness, damping / stiffness**2])
 
 
@@ -77,16 +78,19 @@ def elasticity_columns(
     that are not zero the springs are followed.
     """
     twist = at.transmitted
+    # deflection = x0 tau - x1 dtau/dt: its derivatives by x0 and x1
     per_coordinate = (twist, -np.gradient(twist, at.motion.t, axis=0))
     out = np.empty((*twist.shape, *x.shape))
     for i, unit in enumerate(per_coordinate):
         deflections = slow_with_rates(unit, at.motion)
         pairs = zip(at.sensitivities, deflections, strict=True)
+        # links that lag by y take its derivatives times y from the torque
         out[:, :, i] = -sum(matrix * y[:, None] for matrix, y in pairs)
     used = np.flatnonzero(x[0])
     springs = _springs(effect, at, x) if used.size else None
     largest = np.abs(x[0]).max()
     for i, j in ((i, j) for j in used for i in range(len(x))):
+        # a damping of zero has a step too: in proportion to the largest value
         size = max(abs(x[i, j]), 1e-3 * largest)
         if springs is not None:
             out[:, :, i, j] = _by_spring(effect, springs, x, i, j, 1e-4 * size)
@@ -116,6 +120,7 @@ def _by_spring(
         moved = x[:, [j]].copy()
         moved[i] += side
         ends.append(effect.values_at(moved))
+    # the springs count only joints that have one
     place = int(np.searchsorted(springs.elastic, j))
     parts = [
         columns[:, :, place] * ((ends[0][name] - ends[1][name]) / (2 * step))
@@ -162,6 +167,7 @@ def clip_spring(x: np.ndarray) -> np.ndarray:
 def draw_elasticity(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
     """A resonance of motor and link at 8 to 30 Hz, damped by 2 to 10 %."""
     resonance = 2 * np.pi * rng.uniform(8.0, 30.0, len(j))
+    # two masses on a spring swing about each other with their reduced inertia
     reduced = scale.rotor[j] * scale.inertia[j] / (scale.rotor[j] + scale.inertia[j])
     return {
         "stiffness": resonance**2 * reduced,

@@ -133,6 +133,7 @@ class JointZeros:
 
     def questions(self) -> tuple[str, ...]:
         """A question about each zero that must be asked about."""
+        # recorded q = true q + offset, and an import adds: it takes the other sign
         offset, deviation = np.rad2deg(self.offset), np.rad2deg(self.deviation)
         return tuple(
             f"is the zero of joint {j + 1} right? The torque fits physical bodies with a zero that is off by "
@@ -174,6 +175,7 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
         xtol=CLOSE,
         ftol=SETTLED,
     )
+    # the same cost without offsets is the rival: the gain is by the offsets alone
     without, final = at((0.0,) * n), at(tuple(found.x))
     impossible, with_offsets = (
         len(inconsistent(check_links(one.value[: columns.links])))
@@ -182,6 +184,7 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
     # a band of f Hz holds 2 f independent samples a second
     noise_scale = np.sqrt(max(final.cost / rows, TINY) * PER_CUTOFF / 2)
     deviation = final.spread * noise_scale
+    # a spread near WIDTH is the prior's: the data say nothing of that zero
     known = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
     # where a slide's zero lies shows in the levers alone
     known &= ~np.array(columns.arm.sliding) & bool(found.success)
@@ -234,17 +237,20 @@ def _reduced(
     def equations(segment: Segment, motion: Motion) -> np.ndarray:
         known = replace(segment, motion=motion).known_torque(body)
         torque = np.asarray(segment.torque) - known
+        # dry friction sees speeds and distances alone, which a zero does not change
         dry = columns.dry(segment.motion, law)
         parts = [columns.smooth(motion), dry, torque[:, :, None]]
         return np.concatenate(parts, axis=2)
 
     whole = stacked(equations)
+    # 1: the weights hold the number of rows already
     value = pulled_solution(whole.T @ whole, 1, weight, nominal)
     change = (value[: columns.links] - body.inertial_parameters()).reshape(-1, 10)
 
     def slopes(segment: Segment, motion: Motion) -> np.ndarray:
         """S = -d tau / d q with the bodies as they are identified now."""
         bodies = segment.bodies(body).changed(change)
+        # the true q falls as the offset grows, hence the sign
         return -bodies.sensitivities(motion.q, motion.dq, motion.ddq)[0]
 
     whole = np.hstack([whole[:, :-1], stacked(slopes), whole[:, -1:]])
@@ -401,9 +407,11 @@ def fit_parameters(
     samples = _samples(case, fit, settings)
     columns = samples.columns
     progress("chooses the form of the friction")
+    # what simulates an arm knows Coulomb and viscous friction alone
     rich = settings.estimator not in SIMULATING
     choice = choose(samples, nonlinear=rich, presliding=rich and not settings.plain)
     matrix = samples.matrix(choice.law)
+    # what these samples do not excite has no base column
     base = _sample_base(matrix, columns, choice.law)
     progress(f"estimates {base.count} base parameters")
     problem = samples.problem(choice.law, base.kept, base.kept_names)
@@ -412,6 +420,7 @@ def fit_parameters(
     given = Given(
         base,
         nominal,
+        # built only if an estimator simulates: it may refuse the controller
         lambda: closed_loop(case, fit, samples, base, problem),
         settings.ridge,
         settings.singular_values,
@@ -420,12 +429,14 @@ def fit_parameters(
     estimate = estimator(problem)
     uncertainty = chosen.interval(problem, estimator, estimate)
     progress("recovers physical parameters")
+    # the pull is on all x, the base columns alone would not feel it
     unit_noise = matrix / choice.noise[:, None]
     squares = (unit_noise**2).sum(axis=(0, 1))
     penalty = choice.pull * penalties(samples, choice.law, squares)
     kept = _places(settings.keep, columns.names(choice.law), columns.arm.n_joints)
     # stiffer than all samples together
     penalty[kept] = HELD * (penalty[kept] + squares[kept] / samples.torque.size)
+    # bodies are near if their torque is, not their parameters
     flat = unit_noise[:, :, base.kept].reshape(-1, base.count)
     physical = consistent(
         base,
@@ -522,6 +533,7 @@ class Identifiability:
     def warnings(self) -> tuple[str, ...]:
         """What makes results doubtful, a sentence with a remedy, or none."""
         weakest = ", ".join(self.weakest)
+        # a parameter that is not seen at all matters more than a weak one
         if self.rank < self.structural:
             return (
                 f"the samples determine only {self.rank} of {self.structural} base parameters, not {weakest}; "
@@ -550,6 +562,7 @@ def identifiability(samples: np.ndarray, base: BaseParameters) -> Identifiabilit
     """
     scaled, norms = unit_triangle(samples, base.names)
     unit = scaled[:, base.kept]
+    # the last right vector: least torque for a change of unit size
     values, right = np.linalg.svd(unit)[1:]
     relative = values / values[0]
     # the parameters that make up the direction that the samples show least
@@ -654,6 +667,7 @@ def validate(
     rate = segments[0].motion.rate
     # the test of whiteness sees the samples that the band holds, not more
     step = max(1, round(rate / band.cutoff))
+    # a torque that was not measured leaves nothing
     residual = np.where(every, torque - after, 0.0)[::step]
     expected = band_correlation(rate, band.cutoff, step)
     return Validation(
@@ -786,6 +800,7 @@ def examine_fit(
     simulates = settings.estimator in SIMULATING
     estimator = weighted_least_squares if simulates else fitted.estimator
     reasons: list[str] = []
+    # a part that fails leaves a sentence; the others are still worth having
     essential, groups, interval = None, None, None
     try:
         essential = _essential(fitted)
@@ -809,6 +824,7 @@ def examine_fit(
     counted = count_samples(samples, base.count)
     value = model_value(fitted, settings.estimator, fitted.estimate.value)
     progress("validates")
+    # what was held out goes through the same band as what was fitted
     held_out = samples.band.segments(fitted.held_out)
     validation = (
         validated(fitted, value, "fit", samples.segments),
@@ -940,6 +956,7 @@ def predicts_worse(fit: Validation, held_out: Validation, per_parameter: float) 
         float((own.rmse**2).sum())
         for own in (held_out.every, held_out.nominal, fit.every)
     )
+    # twice the share: once as it is expected, once for its own spread
     return ours > nominal + 2.0 / per_parameter * noise
 
 
@@ -1023,6 +1040,7 @@ def troubleshooting(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row
         np.rad2deg(known[asked].max() if len(asked) else worst),
         1.0,
         "deg",
+        # found by what must be asked about, whatever the number beside it says
         joints=(asked + 1).tolist(),
         symptom="negative masses, inertias that no body has",
         cause="zero of an encoder off",
@@ -1030,6 +1048,7 @@ def troubleshooting(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row
         remedy="calibrate the zero, or set import: {offsets: [...]}",
     )
     change = fitted.base.of(fitted.physical.value) - fitted.estimate.value
+    # chance alone makes the mean of these squares about one
     deviations = change / np.maximum(fitted.uncertainty.deviation, TINY)
     impossible = _row(
         BODIES,
@@ -1040,6 +1059,7 @@ def troubleshooting(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row
         check="mean square distance of consistent from estimated base parameters, in standard deviations",
         remedy="look at the rows beside this one; keep the consistent parameters for simulation",
     )
+    # the number is of all links together: the estimate says which are impossible
     if impossible.verdict == FOUND:
         wrong = inconsistent(fitted.physical.before)
         impossible = replace(impossible, joints=tuple(check.link for check in wrong))
@@ -1096,6 +1116,7 @@ def troubleshooting(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row
         remedy="raise --cutoff, or move more slowly",
     )
     lag, deviation = _time_offset(fitted)
+    # a lag that is not certain counts as none, however large
     certain = np.where(np.abs(lag) > 5 * deviation, np.abs(lag), 0.0)
     yield _row(
         "time_offset",
@@ -1130,17 +1151,21 @@ def _time_offset(fit: FittedParameters) -> tuple[np.ndarray, np.ndarray]:
     moving = speed > SLOW * np.quantile(speed, FAST, axis=0)
     weight = moving / fit.choice.noise
     residual = (samples.torque - fitted) * weight
+    # of the fitted torque, whose derivative has no noise; never across a gap
     rate = np.concatenate(
         [
             np.gradient(fitted[rows], samples.interval, axis=0)
             for rows in group_slices(samples.group)
         ]
     )
+    # a joint's lag moves its own torque alone: one column each
     late = -rate[:, :, None] * np.eye(n)
     columns = np.concatenate([fit.matrix[:, :, base.kept], late], axis=2)
     flat = (columns * weight[:, :, None]).reshape(residual.size, -1)
+    # seconds and kilograms differ by orders of magnitude
     unit = column_norms(flat)
     factor = Factor.of(flat / unit, residual.ravel())
+    # columns that depend on each other to rounding share, instead of growing
     inverse: np.ndarray = np.linalg.pinv(factor.triangle, rcond=1e-9)
     solution, spread = inverse @ factor.rotated, np.linalg.norm(inverse, axis=1)
     # samples at rest have no weight: they do not count in the mean of the squares either
@@ -1170,16 +1195,19 @@ def _spectral(
         _, q = uniform(recording.t, recording.q, rate)
         # a motion that does not end where it began would leak over the whole spectrum
         drift = np.linspace(0, 1, len(q))[:, None] * (q[-1] - q[0])
+        # four seconds at most: stretches to average, and fine enough for slow motion
         length = min(len(q), int(4 * rate))
         frequency, density = welch(
             q - drift, rate, nperseg=length, axis=0, detrend="linear"
         )
+        # the median: a resonance or hum in the upper half is no floor
         floor = np.median(density[frequency > rate / 4], axis=0)
         # d/dt multiplies the density by (2 pi f)^2; the bin width turns it into power
         derivative = (2 * np.pi * frequency[:, None]) ** 2
         velocity_power = derivative * (frequency[1] - frequency[0])
         acceleration_power = velocity_power**2
         inside = frequency <= cutoff
+        # the floor itself scatters; only what stands well above it is motion
         above_floor = np.where(density > 10 * floor, density - floor, 0.0)
         noise += (acceleration_power * floor)[inside].sum(axis=0)
         acceleration += (acceleration_power * density)[inside].sum(axis=0)
@@ -1200,6 +1228,7 @@ def _clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.nd
     ends, count = (whole.max(axis=0), whole.min(axis=0)), np.zeros(whole.shape[1])
     for tau in torques:
         extreme = np.isclose(tau, ends[0]) | np.isclose(tau, ends[1])
+        # opening drops runs shorter than this: one sample at an extreme is a turn
         at_limit = binary_opening(extreme, np.ones((FLAT, 1)))
         if limit is not None:
             at_limit |= np.abs(tau) >= AT_LIMIT * limit
@@ -1211,6 +1240,7 @@ def _near_rest(choice: Choice) -> float:
     """Share by which a Stribeck term lowers the error on held-out stretches [1]."""
     tried = [entry for entry in choice.tried if "direction kept" not in entry[0]]
     stribeck = [error for law, error in tried if "Stribeck" in law]
+    # the first tried is the plain law, all later ones build on the choice
     without = [error for law, error in tried if "Stribeck" not in law]
     return 1 - min(stribeck) / without[0] if stribeck else 0.0
 

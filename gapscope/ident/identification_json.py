@@ -46,6 +46,7 @@ def write_base(result: Identification, path: Path | str) -> None:
     # the row space of the samples
     orthonormal = np.linalg.svd(base.combination, full_matrices=False)[2].T
     from_orthonormal = base.combination @ orthonormal
+    # each base parameter stands for its combination: the others are zero there
     back = np.zeros((len(names), base.count))
     back[base.kept] = np.eye(base.count)
     arrays = {
@@ -135,6 +136,7 @@ def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
     return {
         "recording": states.recording,
         "time": track.t[chosen],
+        # the first sample starts the filter: nothing predicts it
         "innovation_rms": rms(states.innovation[1:]),
         "parameters": _rows(
             name=track.names, identified=states.start, **_over_time(track, chosen)
@@ -171,6 +173,7 @@ def document(
         "consistent": base.of(physical.value),
         "nominal": base.of(result.columns.nominal(law)),
     }
+    # only a partial update leaves some parameters where they were
     if result.moved is not None:
         columns["moved"] = result.moved
     compared = ("role", "recordings", "every", "moving", "nominal", "whiteness")
@@ -189,6 +192,7 @@ def document(
             "saturation_speeds": law.saturation_speeds,
             "presliding": law.presliding,
             "pull": choice.pull,
+            # at the end of what was tried: a stronger one might be better still
             "strongest_pull": choice.pull >= max(PULLS),
             "tried": [
                 {"what": what, "unseen_error": error} for what, error in choice.tried
@@ -229,6 +233,7 @@ def document(
             "offset": zeros.offset,
             "std": zeros.deviation,
             "known": zeros.known,
+            # joints count from 1 in files, from 0 in arrays
             "asked": zeros.asked + 1,
         },
         "validation": [
@@ -279,6 +284,7 @@ def presliding(result: Identification) -> np.ndarray:
     """Distance over which the dry friction of each joint builds up, and of the motor of its number [rad], (n,)."""
     distances = result.choice.law.presliding or result.case.arm.presliding
     n, arm = result.case.arm.n_joints, result.case.arm
+    # the law counts as a radian what does, the data sheet each joint's own unit
     size = arm.per_radian if result.choice.law.presliding else 1.0
     return np.array(distances)[:n] * size
 
@@ -296,6 +302,7 @@ def with_sheet(result: Identification) -> NominalArm:
 
     def joints(symbol: str) -> np.ndarray:
         values = [named.get(f"{symbol}{j + 1}", 0.0) for j in range(arm.n_joints)]
+        # friction below zero is no data sheet's: the simulator would gain energy
         return np.array([round(max(value, 0.0), 9) for value in values])
 
     return replace(arm, armature=joints("I"), coulomb=joints("c"), viscous=joints("b"))
@@ -317,6 +324,7 @@ def effects(result: Identification) -> tuple[AppliedEffect, ...]:
     if law.saturation_speeds is not None:
         speeds["s"] = np.array(law.saturation_speeds) * columns.per_radian
     found = []
+    # coupled motors one by one, the joints all together
     motors = [(COUPLED, [k]) for k in range(n, len(labels))]
     for quantities, places in (*motors, (DRIVES, list(range(n)))):
         for symbol, quantity in quantities.items():

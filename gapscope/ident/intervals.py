@@ -70,11 +70,13 @@ def form_columns(samples: Samples) -> tuple[np.ndarray, ...]:
     def state(motion: Motion) -> np.ndarray:
         return np.hstack([motion.q, motion.dq])
 
+    # rad and rad/s cannot be compared: each counts by its own spread
     spread = np.concatenate([state(motion) for motion in motions]).std(axis=0)
     spread = np.maximum(spread, TINY)
 
     def columns(motion: Motion) -> np.ndarray:
         own, speed = state(motion) / spread, motion.dq / arm.per_radian
+        # a joint's friction is a function of its own state, not of the others'
         smooth = [drawn_waves(own[:, [j, n + j]], WAVES[0]) for j in range(n)]
         dry = [np.sign(speed) * np.exp(-((speed / vs) ** 2)) for vs in DRY_SPEEDS]
         return np.concatenate([np.stack(smooth, axis=1), np.stack(dry, axis=2)], axis=2)
@@ -101,6 +103,7 @@ class FormError:
         functions = np.concatenate(problem.forms, axis=2)
         gram = np.einsum("nja,njb->ab", left, problem.matrix, optimize=True)
         scores = [left[:, j].T @ functions[:, j] for j in range(problem.n_joints)]
+        # least squares hands f on as (Z^T W)^-1 Z^T f
         pull = np.linalg.solve(gram, np.hstack(scores))
         return np.asarray(pull @ self.moment @ pull.T)
 
@@ -118,6 +121,7 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
     starts = np.cumsum([0, *counts[:-1]])
     left = problem.residual(beta)
     scale2 = np.maximum((problem.torque**2).mean(axis=0), TINY)
+    # amplitudes start at what even a precise arm leaves of its torque
     variance = np.tile(PRECISE**2 * scale2[:, None], count)
     noise, noise2 = left, np.maximum((left**2).mean(axis=0), 1e-18 * scale2)
     # sums of products of [W, functions of the joint, what is left], joint by joint
@@ -130,17 +134,21 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
         shared = weighted[:, :b, :b].sum(axis=0)
         cross = np.concatenate(list(weighted[:, b:-1, :b]))
         pull = weighted[:, :b, -1].sum(axis=0)
+        # units differ by orders of magnitude: the inverse is of a unit diagonal
         scale = 1 / np.sqrt(np.diag(shared).clip(TINY))
         inverse = np.linalg.pinv(shared * np.outer(scale, scale), hermitian=True)
         inverse = inverse * np.outer(scale, scale)
+        # functions of two joints depend on each other by the parameters they share
         information = -cross @ inverse @ cross.T
         right = weighted[:, b:-1, -1].ravel() - cross @ inverse @ pull
         for j, own in enumerate(weighted[:, b:-1, b:-1]):
             at = slice(j * count, (j + 1) * count)
             information[at, at] += own
+        # in units of the amplitudes, so that one that vanishes leaves it regular
         size = np.sqrt(variance.ravel())
         inner = np.linalg.inv(np.eye(n * count) + information * np.outer(size, size))
         value = size * (inner @ (size * right))
+        # what the functions take over the estimate gives back
         change = inverse @ (pull - cross.T @ value)
         noise = left - problem.matrix @ change
         noise = noise - np.einsum("njk,jk->nj", functions, value.reshape(n, count))
@@ -195,6 +203,7 @@ class ModelError:
     @property
     def found(self) -> np.ndarray:
         """Joints, counted from 1, on which noise alone is not believed."""
+        # as many tests as joints: the chance is of any of them
         return np.flatnonzero(self.p_value * len(self.p_value) < DOUBT) + 1
 
     @property
@@ -250,10 +259,12 @@ def model_error(
             counts[k] += int(inside.sum())
     low, floor = power / np.maximum(counts, 1)[:, None]
     ratio = low / np.maximum(floor, TINY)
+    # an ordinate has a real and an imaginary part: two degrees of freedom each
     p_value = fisher.sf(ratio, *(2 * np.maximum(counts, 1)))
     variance = (residual**2).mean(axis=0)
     # share of all frequencies, of which a real series has two of each
     band = 2 * LOW * cutoff * problem.interval
+    # the floor is flat: noise has as much density in the low band
     systematic = np.minimum((band * (low - floor)).clip(0.0), variance)
     return ModelError(
         systematic=np.sqrt(systematic),
@@ -321,6 +332,7 @@ def block_length(scores: np.ndarray, group: np.ndarray) -> int:
     covariance = autocovariance(scores - scores.mean(axis=0), group, lags)
     stay = max(5, int(np.sqrt(np.log10(n))))
     lengths = []
+    # a parameter that no sample moves has no memory
     for column in covariance[:, covariance[0] > 1e-12 * covariance[0].max() + TINY].T:
         # m: the first lag after which the correlation is insignificant for several lags in a row
         quiet = np.abs(column[1:] / column[0]) < 2 * np.sqrt(np.log10(n) / n)
@@ -390,8 +402,10 @@ def jackknife(
     scores = np.einsum("ijb,ij->ib", left, residual)
     gram = left.reshape(-1, parameters).T @ right.reshape(-1, parameters)
     if length is None:
+        # at this length ``MAX_BLOCKS`` blocks hold all samples
         enough = -(-len(scores) // MAX_BLOCKS)
         length = max(2 * block_length(scores, group), enough)
+    # kg and kg m^2 differ by orders of magnitude: solved with a unit diagonal
     scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(TINY))
     changes = []
     for block in _blocks(group, length):
@@ -399,6 +413,7 @@ def jackknife(
         own = instruments.T @ right[block].reshape(-1, parameters)
         others = (gram - own) * np.outer(scale, scale)
         score = scale * scores[block].sum(axis=0)
+        # the rest may not determine a direction: the shortest change then
         changes.append(scale * np.linalg.lstsq(others, score, rcond=1e-14)[0])
     return _of_changes(np.array(changes), length)
 
@@ -502,6 +517,7 @@ def compare_groups(
         InputError: a group by itself does not determine the parameters.
     """
     groups = group_slices(problem.group)
+    # a single recording can only be compared with itself, in parts
     spans = groups if len(groups) > 1 else equal_parts(groups[0], HELD_OUT)
     values, precisions = [], []
     for number, span in enumerate(spans, 1):
@@ -511,6 +527,7 @@ def compare_groups(
         except InputError as error:
             where = f"group {number}"
             raise InputError(error.problem, error.remedy, where=where) from None
+        # the group's own precision: equations of unit noise, as it states them
         flat = whitened(own, np.sqrt(_variance(own, value, cutoff)))[0]
         values.append(value)
         precisions.append(flat.T @ flat)
@@ -585,6 +602,7 @@ class TorqueInterval:
         """
         # what the form moves in the parameters it gives back in torque; what it leaves there is model error
         covariance = self.parameters.by_blocks
+        # where no unknown form was counted there is one covariance
         if covariance is None:
             covariance = self.parameters.covariance
         own = ((matrix @ covariance) * matrix).sum(axis=2)
@@ -677,8 +695,10 @@ def torque_interval(
     error = model_error(problem, held_out(problem, estimator), cutoff)
     # what the other groups do not determine is no error of the model
     missed2, freedom = _missed_by_parameters(problem, estimate.value, cutoff)
+    # noise in the parameters alone makes their ratio chi-squared over its degrees
     by_chance = chi2.sf(freedom * error.systematic**2 / missed2, freedom)
     beyond = np.sqrt((error.systematic**2 - missed2).clip(0.0))
+    # the less surprising explanation counts: noise, or parameters
     p_value = np.maximum(error.p_value, by_chance)
     error = replace(error, systematic=beyond, p_value=p_value)
     return TorqueInterval(uncertainty, error)
@@ -701,11 +721,13 @@ def _missed_by_parameters(
     total = np.sum(grams, axis=0)
     unit = 1 / np.sqrt(np.diag(total).clip(TINY))
     sums, squares = np.zeros(n), np.zeros(n)
+    # without its own rows: what the others know of the parameters
     for span, gram in zip(spans, grams, strict=True):
         values, vectors = np.linalg.eigh((total - gram) * np.outer(unit, unit))
         # a direction that the others do not determine at all is missed by any amount
         spread = (weighted[span] * unit) @ (vectors / np.sqrt(values.clip(1e-14)))
         own = np.einsum("ijb,ijc->jbc", spread, spread, optimize=True)
+        # the trace is the sum of l, the norm squared the sum of l^2
         sums += np.trace(own, axis1=1, axis2=2)
         squares += (own**2).sum(axis=(1, 2))
     missed2 = np.maximum(variance * sums / len(problem.torque), TINY)
@@ -780,8 +802,10 @@ def band_correlation(rate: float, cutoff: float, step: int) -> np.ndarray:
     frequency, response = sosfreqz(filter_, 4096, fs=rate)
     # forward and backward: the power gain is the fourth power of the response
     power = np.abs(response) ** 4
+    # at the lags of the samples that the test sees
     lags = np.arange(LAGS + 1) * step / rate
     phase = 2 * np.pi * lags[:, None] * frequency
+    # Wiener and Khinchin: the correlation is the cosine transform of the power
     covariance = (power * np.cos(phase)).sum(axis=1)
     return np.asarray(covariance / covariance[0])
 
@@ -799,6 +823,7 @@ def whiteness(
     Source: ljung1978.
     """
     n = len(residual)
+    # later lags have too few pairs to say anything
     lags = max(1, min(LAGS, n // 4))
     covariance = autocovariance(residual - residual.mean(axis=0), group, lags)
     rho = covariance[1:] / np.maximum(covariance[0], TINY)

@@ -150,11 +150,13 @@ def follow(problem: Problem, openings: Openings = ()) -> Followed:
     noise, inflation, factors = noise_of(problem.residual(batch))
     if openings:
         # what changed is no noise: its size comes from the estimate of each part
+        # each part has its own values: none wanders within it
         track = _filtered(problem, rows, factors, openings, 0 * batch)
         stops = [own.stop for own in rows]
         edges = [0, *(sample for sample, _ in openings), len(problem.torque)]
         residual = np.empty_like(problem.torque)
         for start, stop in pairwise(edges):
+            # the last stretch that ends within the part has seen most of it
             last = max(int(np.searchsorted(stops, stop, side="right")) - 1, 0)
             part = slice(start, stop)
             residual[part] = problem.rows(part).residual(track.value[last])
@@ -162,6 +164,7 @@ def follow(problem: Problem, openings: Openings = ()) -> Followed:
     wandering = np.abs(batch) * [name[0] in WANDERS for name in problem.names]
     # a record shorter than that is judged one stretch ahead
     lag = 1 + round(AHEAD / length)
+    # at first the vague covariance decides, whatever the process noise
     first = max(lag, int(SETTLED * len(rows)))
     if first >= len(rows):
         lag, first = 1, min(1, len(rows) - 1)
@@ -171,6 +174,7 @@ def follow(problem: Problem, openings: Openings = ()) -> Followed:
         ahead = _predicted_ahead(problem, rows, own, lag) / noise
         # the median over stretches: those of a motion that is new are not predicted yet, whatever the process noise
         error = np.median([np.mean(ahead[span] ** 2) for span in rows[first:]])
+        # from none upward: more wandering has to be worth it
         if error < (1 - WORTH) * best:
             best, level, track = error, tried, own
     innovation = _predicted_ahead(problem, rows, track, 1) / noise
@@ -199,20 +203,25 @@ def _filtered(
     b, count = len(drift), len(factors)
     columns = rms(np.array([factor.triangle for factor in factors]), axis=(0, 1))
     size = VAGUE * rms(np.array([factor.rotated for factor in factors]), axis=None)
+    # equations of unit noise, as many as parameters: dim_z is b
     kalman = KalmanFilter(dim_x=b, dim_z=b)
     kalman.x, kalman.F, kalman.R = np.zeros(b), np.eye(b), np.eye(b)
+    # a column of almost no content would be vaguer than digits allow
     kalman.P = np.diag((size / np.maximum(columns, 1e-9 * columns.max())) ** 2)
     stops = [own.stop for own in rows]
+    # the stretch in which the first sample after the moment lies
     opened = [int(np.searchsorted(stops, sample + 1)) for sample, _ in openings]
     value, spread = np.empty((count, b)), np.empty((count, b, b))
     for k, factor in enumerate(factors):
         for cut, (_, covariance) in zip(opened, openings, strict=True):
+            # the first stretch starts vague anyway
             if k and k == cut:
                 kalman.P = kalman.P + covariance
         if k and k not in opened:
             # gaps between recordings let the parameters wander for longer
             kalman.predict(Q=np.diag(drift**2) * (ends[k] - ends[k - 1]))
         kalman.update(factor.rotated, H=factor.triangle)
+        # rounding makes it lose its symmetry, and then its sign
         kalman.P = 0.5 * (kalman.P + kalman.P.T)
         value[k], spread[k] = kalman.x, kalman.P
     return Track(tuple(problem.names), ends, value, spread)
@@ -223,6 +232,7 @@ def _predicted_ahead(
 ) -> np.ndarray:
     """Torque less its prediction from the estimate ``lag`` stretches before [N m], (N, n); zero where there is none."""
     out = np.zeros_like(problem.torque)
+    # value k belongs to stretch k, and predicts the one ``lag`` later
     for own, value in zip(rows[lag:], track.value, strict=False):
         out[own] = problem.rows(own).residual(value)
     return out
@@ -324,8 +334,10 @@ def follow_states(
     period = float(np.median(np.diff(t)))
     speed = rms(np.gradient(recording.q, recording.t, axis=0))
     torque = MIN_SHARE * rms(np.asarray(recording.tau))
+    # b counts by its torque at the usual speed, c is a torque itself
     least = np.concatenate([torque / np.maximum(speed, MOVING), torque])
     spread = np.maximum(UNSURE * np.abs(prior[places]), least)
+    # state: q, dq and the departures of b and c, n of each
     kalman = UnscentedKalmanFilter(
         4 * n,
         n,
@@ -335,6 +347,7 @@ def follow_states(
         points=MerweScaledSigmaPoints(4 * n, alpha=0.3, beta=2.0, kappa=0.0),
     )
     encoder = np.full(n, _encoder_noise(recording, arm))
+    # velocity and departures start at zero: the prior is in the dynamics
     kalman.x = np.concatenate([q[0], np.zeros(3 * n)])
     # an arm that moves already may be as fast as it is on the whole
     kalman.P = np.diag(np.concatenate([encoder, speed, spread]) ** 2)
@@ -342,12 +355,14 @@ def follow_states(
     # torque that is not modelled acts on the velocities
     inertia = np.diag(regressor.body.mass_matrix(q[0])) + arm.armature
     wander = WANDER * spread * np.sqrt(period)
+    # positions follow from velocities: beside the encoder they hardly err
     process = np.concatenate([0.1 * encoder, noise / inertia * period, wander])
     kalman.Q = np.diag(process**2)
     value, covariance = [kalman.x], [kalman.P]
     innovation = np.zeros((len(t), n))
     for k in range(1, len(t)):
         try:
+            # the torque of a period acts until the next measurement
             kalman.predict(dt=t[k] - t[k - 1], torque=tau[k - 1])
             kalman.update(q[k])
         except np.linalg.LinAlgError as error:
@@ -355,6 +370,7 @@ def follow_states(
                 f"the filter lost the arm at t = {t[k]:.3g} s",
                 "check (a) units and signs of the torque, (b) that the identified bodies are possible, (c) the noise",
             ) from error
+        # whitened by their own covariance: joints are independent then
         innovation[k] = np.linalg.solve(np.linalg.cholesky(kalman.S), kalman.y)
         value.append(kalman.x)
         covariance.append(kalman.P)
@@ -463,8 +479,10 @@ def review(
         here, time = names == found.recording, samples.times
         after = np.flatnonzero(here & (time > found.time))
         if len(after):
+            # a unit of the change as parameters, as far as its torque looks like theirs
             D = _moved(found, problem, names, time)
             # unknown after the moment, and again where the recording ends if another follows
+            # mean square value^2 + deviation^2: about as large as found, of any sign
             covariance = (D * (found.value**2 + found.deviation**2)) @ D.T
             openings += [(int(k), covariance) for k in (after[0], after[-1] + 1)]
             told.append(found)
@@ -484,6 +502,7 @@ def review(
             first = k + 1
     converged = first if first < len(rows) else None
     departures = []
+    # before that the estimate is too vague to contradict the batch
     if converged is not None:
         deviation = np.maximum(track.deviation[converged:], TINY)
         size = np.abs(track.value[converged:] - batch) / deviation
@@ -537,6 +556,7 @@ def _moved(
             torque[here, j, k] = np.interp(times[here], t, columns[:, j, k])
     # a joint that does not count there has a row of zeros
     torque *= np.any(problem.matrix, axis=2, keepdims=True)
+    # N n rows of equations, one for each joint
     W = problem.matrix.reshape(torque[..., 0].size, -1)
     scale = np.linalg.norm(W, axis=0)
     right = torque.reshape(len(W), -1)

@@ -157,6 +157,7 @@ def drives(arm: NominalArm) -> tuple[np.ndarray, tuple[str, ...]]:
     labels = tuple(str(j + 1) for j in range(arm.n_joints))
     if arm.coupling is None or not arm.coupled_motors:
         return joints, labels
+    # other motors turn one joint each: they are the joint's own drive
     rows = arm.coupling[[motor - 1 for motor in arm.coupled_motors]]
     motors = tuple(f"{motor}m" for motor in arm.coupled_motors)
     return np.vstack([joints, rows]), (*labels, *motors)
@@ -229,6 +230,7 @@ class ModelColumns:
 
     def smooth(self, motion: Motion) -> np.ndarray:
         """Columns that do not depend on the friction law, shape (N, n, p_smooth)."""
+        # the first n drives are the joints: the regressor has theirs
         motors = self.drives[self.arm.n_joints :]
         links = self.regressor.matrix(motion)
         inertia = _along(motion.ddq @ motors.T, motors)
@@ -263,8 +265,10 @@ class ModelColumns:
         moment = np.maximum(np.linalg.norm(links[:, 1:4], axis=1), MIN_ARM * mass)
         # half the trace, Ixx + Iyy + Izz
         half = 0.5 * links[:, [4, 6, 9]].sum(axis=1)
+        # a link without inertia counts as if it lay 1 cm from its frame's origin
         inertia = np.maximum(half, mass * (0.2 * MIN_ARM) ** 2)
         sizes = np.stack([mass, moment, inertia], axis=1)
+        # one size for the mass, for three first moments, and for six of inertia
         out[: self.links] = np.repeat(sizes, [1, 3, 6], axis=1).ravel()
         return out
 
@@ -296,6 +300,7 @@ def check_samples(
     Raises:
         InputError: a value is not finite; too few samples; a trajectory that rests; columns that depend on each other.
     """
+    # first of all: one value that is no number spoils every later check
     for values, what, remedy in (
         (problem.torque, "torque", "drop or repair the rows; none is guessed"),
         (problem.matrix, "matrix", "drop rows of q, dq or ddq that are not finite"),
@@ -310,6 +315,7 @@ def check_samples(
                 remedy,
                 where=what,
             )
+    # each sample gives an equation for every joint
     equations, b = problem.torque.size, problem.matrix.shape[2]
     if full_rank and equations <= b:
         raise InputError(
@@ -340,9 +346,11 @@ def unit_warnings(problem: Problem, nominal: np.ndarray) -> tuple[str, ...]:
         nominal: parameters of the nominal arm, shape (b,), in the problem's columns.
     """
     recorded, expected = (rms(x) for x in (problem.torque, problem.matrix @ nominal))
+    # joints that need hardly any torque say nothing of its unit
     loaded = expected > 0.05 * expected.max(initial=0.0)
     if not loaded.any():
         return ()
+    # the median: one joint with a load or a spring changes no unit
     factor = float(np.median(recorded[loaded] / expected[loaded]))
     if 1 / UNIT_FACTOR < factor < UNIT_FACTOR:
         return ()
@@ -356,10 +364,12 @@ def unit_warnings(problem: Problem, nominal: np.ndarray) -> tuple[str, ...]:
 
 def check_rank(matrix: np.ndarray, names: Sequence[str]) -> None:
     """Check that rows of equations, (K, b), determine every parameter; raises ``InputError`` otherwise."""
+    # fewer equations than columns: rows of zeros show what is left open
     missing = max(0, matrix.shape[1] - len(matrix))
     matrix = np.pad(matrix, ((0, missing), (0, 0)))
     norms = np.linalg.norm(matrix, axis=0)
     unit = matrix / np.where(norms > 0, norms, 1.0)
+    # the pivot of a column is what those before it do not explain
     pivots = np.abs(np.diag(np.linalg.qr(unit, mode="r")))
     if (pivots > DEPENDENT).all():
         return
@@ -414,6 +424,7 @@ class Band:
     def thinned(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """The same at every ``step``-th of these samples, at a fraction of the cost; in arrays of its own."""
         flat, kept = series.reshape(len(series), -1), self.kept(segment)
+        # most columns of the first links are zero: filtering them costs as much
         present = flat.any(axis=0)
         some = low_passed_rows(flat[:, present], segment.motion.rate, self.cutoff, kept)
         out = np.zeros((len(some), flat.shape[1]))
@@ -431,6 +442,7 @@ class Band:
 
     def step(self, segment: Segment) -> int:
         """Every which sample is kept to fit."""
+        # down to whole samples; 1e-6 for a quotient that rounding made less
         within_band = int(segment.motion.rate / (PER_CUTOFF * self.cutoff) + 1e-6)
         return self.thinning * max(1, within_band)
 
@@ -488,6 +500,7 @@ class Samples:
         lengths = [len(s.motion.t[rows]) for s, rows in kept]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
         first = self.segments[0]
+        # of the first segment; others are taken to be sampled like it
         self.interval = band.step(first) / first.motion.rate
 
     def matrix(self, law: FrictionLaw) -> np.ndarray:
@@ -609,6 +622,7 @@ def split(
         return list(case.recordings), list(case.judged)
     if not chosen and len(everything) == 1:
         (only,) = everything
+        # its end as a whole: samples beside fitted ones are no test of a model
         cut = int(len(only.t) * (1 - HELD_OUT))
         start = only.part(slice(0, cut), name=f"{only.name}, start")
         end = only.part(slice(cut, None), name=f"{only.name}, end")
@@ -665,6 +679,7 @@ def check_recordings(
             "name another recording with --judge",
             file=case.name,
         )
+    # one moving joint is enough: what the others leave open is said later
     if resting([r for r in recordings if r.tau is not None], case.arm.per_radian).all():
         raise InputError(
             f"the trajectory is constant: no joint moves by {STILL:g} rad within a recording",
@@ -684,6 +699,7 @@ def check_count(samples: Samples, base_count: int, name: str) -> None:
     n_joints = samples.torque.shape[1]
     independent = n_joints * band_samples(seconds, samples.band.cutoff)
     if independent < PER_PARAMETER * base_count:
+        # what is missing, said as a time to record
         per_second = n_joints * band_samples(1.0, samples.band.cutoff)
         needed = PER_PARAMETER * base_count / per_second
         raise InputError(
@@ -723,6 +739,7 @@ class FrictionTrials:
         # the columns of dry friction stand between these
         self._shared = np.concatenate([samples.smooth, torque], axis=2)
         self._shared /= noise[:, None]
+        # the Gram matrix of each stretch, and last that of all samples
         spans = [*self.stretches, slice(0, len(torque))]
         flat = [self._shared[k].reshape(-1, self._shared.shape[2]) for k in spans]
         self._grams = [(k, x.T @ x) for k, x in zip(spans, flat, strict=True)]
@@ -740,9 +757,11 @@ class FrictionTrials:
                 # the Gram matrix of all other stretches, without forming their equations again
                 count = sum(sizes) - size
                 x = pulled_solution(total - gram, count, pull * penalty, nominal)
+                # what is left at unit noise: [W, y] times (-x, 1)
                 z = np.append(-x[:smooth], 1.0)
                 left = self._shared[rows] @ z - dry[rows] @ x[smooth:]
                 squares += (left**2).sum(axis=0)
+            # sizes count the rows of all joints
             return np.asarray(squares * joints / sum(sizes))
 
         return mse
@@ -769,6 +788,7 @@ class FrictionTrials:
             cross = self._shared[rows].reshape(-1, shared).T @ friction
             whole = np.block([[gram, cross], [cross.T, friction.T @ friction]])
             grams.append(whole[np.ix_(order, order)])
+        # the same pull for every stretch, that of all samples
         squares = np.diag(grams[-1])[:-1]
         penalty = penalties(self.samples, law, squares)
         return dry, grams, penalty, columns.nominal(law)
@@ -795,6 +815,7 @@ def pulled_solution(
     # columns differ by orders of magnitude: scaled to a unit diagonal
     unit = 1.0 / np.sqrt(np.diag(own) + weight)
     system = (own + np.diag(weight)) * unit[:, None] * unit
+    # solved for the departure from nominal: the right side is what nominal leaves
     change = np.linalg.solve(system, unit * (right - own @ nominal))
     return nominal + unit * change
 
@@ -804,6 +825,7 @@ def stretches(group: np.ndarray) -> list[slice]:
     segments = group_slices(group)
     length = max(SHORTEST, len(group) // max(FOLDS, len(segments)))
     out = []
+    # at least one part each: a short segment is a stretch of its own
     for segment in segments:
         count = max(1, round((segment.stop - segment.start) / length))
         parts = equal_parts(segment, count)
@@ -848,6 +870,7 @@ def choose(
         nonlinear: whether a Stribeck term, or one that saturates with speed, may be chosen.
         presliding: whether friction that keeps its direction at rest may be chosen.
     """
+    # a weak pull: the form of the friction is judged by the data
     law, pull = FrictionLaw(), float(PULLS[1])
     noise = joint_noise(samples, law, pull)
     trials = FrictionTrials(samples, noise)
@@ -867,6 +890,7 @@ def choose(
         candidate = replace(law, presliding=distances)
         error = _error(trials, candidate, pull)
         tried.append((f"{candidate}; pull {pull:g}", error))
+        # its distances had to be worth it drive by drive already
         law = candidate if error < best else law
     # the pull is chosen last: it depends little on the form of the friction
     noise = joint_noise(samples, law, pull)
@@ -890,6 +914,7 @@ def _nonlinear_laws(trials: FrictionTrials, pull: float) -> list[FrictionLaw]:
     A term is positive on the whole; a negative one stands for another law.
     """
     columns = trials.samples.columns
+    # a motor's speed is its mixture of joint speeds
     speeds = np.abs(trials.samples.velocity @ columns.drives.T) / columns.per_radian
     fastest = speeds.max(axis=0)
     moving = fastest[fastest > STRIBECK_SPEEDS[0]]
@@ -901,10 +926,12 @@ def _nonlinear_laws(trials: FrictionTrials, pull: float) -> list[FrictionLaw]:
         for speed in STRIBECK_SPEEDS
         if EXCEEDED * speed <= moving.min()
     ]
+    # a drive that hardly moves still needs a speed for its column
     scaled = np.maximum(fastest, STRIBECK_SPEEDS[0])
     for share in SATURATION_SHARES:
         laws.append(FrictionLaw(saturation_speeds=tuple((share * scaled).tolist())))
     drives = len(columns.labels)
+    # the columns of the richer term come last, one for each drive
     return [law for law in laws if trials.fitted(law, pull)[-drives:].sum() > 0]
 
 
@@ -921,8 +948,10 @@ def _presliding_distances(
     for distance in distances:
         same = replace(law, presliding=(distance,) * len(drives))
         errors.append(trials.held_out(same)(pull))
+    # a motor that turns several joints is judged by all, each by its part
     turned = np.abs(drives) / np.abs(drives).sum(axis=1, keepdims=True)
     by_drive = np.array(errors) @ turned.T
+    # worth is said of RMS, these are mean squares
     by_drive[0] *= (1.0 + WORTH) ** 2
     return tuple(distances[k] for k in by_drive.argmin(axis=0))
 
@@ -931,6 +960,7 @@ def joint_noise(samples: Samples, law: FrictionLaw, pull: float) -> np.ndarray:
     """RMS residual per joint of the pulled weighted fit [N m], shape (n,); never zero."""
     torque = samples.torque
     matrix, nominal = samples.matrix(law), samples.columns.nominal(law)
+    # one Gram matrix for each joint: weights only scale them
     both = np.concatenate([matrix, torque[:, :, None]], axis=2).transpose(1, 2, 0)
     by_joint = both @ both.transpose(0, 2, 1)
     # weights and fit depend on each other: a few rounds suffice
