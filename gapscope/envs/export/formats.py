@@ -186,8 +186,7 @@ def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
         if possible(alone) or not possible(total):
             set_parameters(link, alone)
             continue
-        # the total goes onto the link, so that nothing
-        # of it may stay on what is fixed there
+        # the total goes onto the link: nothing stays on what is fixed there
         for name, frame in arm.frames.items():
             if frame.joint == joint and name in links:
                 set_parameters(links[name], np.zeros(10))
