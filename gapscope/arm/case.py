@@ -215,6 +215,7 @@ class Case:
         several = isinstance(frames, (list, tuple))
         recordings = []
         for number, frame in enumerate(frames if several else [frames], start=1):
+            # data frames and dicts of columns alike
             columns = {str(key): np.asarray(frame[key]) for key in frame}
             recording = recording_of_columns(f"recording_{number}", columns, arm)
             _check_duration(recording, Path(recording.name))
@@ -259,6 +260,7 @@ def load_case(
         40.0
     """
     file = Path(path)
+    # a log in place of a case is the likelier mistake than a case without its file
     check_no_log(file)
     file = file / "case.yaml" if is_folder(file) else file
     content = read_case_file(file)
@@ -273,8 +275,10 @@ def load_case(
         sheet=content.get("nominal"),
         source=file,
     )
+    # before recordings are read, so that a list of wrong length is found at once
     section = content.get("import")
     importing = parse_import(section, arm.n_joints, file) if section else None
+    # the transmission of a log also says which motors turn several joints
     arm = _with_coupling(arm, importing)
     payloads = known_loads(content, paths)
     recordings: list[Recording] = []
@@ -322,12 +326,14 @@ def _locked(content: Mapping[str, Any], paths: CasePaths) -> dict[str, float]:
                 file=paths.file,
                 where=f"field locked.{name}",
             )
+        # the mean: an arm's other joints stand still, or are taken as if they did
         positions[name] = np.mean(holding[0].numbers(column))
     return {name: float(positions[name]) for name in section}
 
 
 def _with_coupling(arm: NominalArm, importing: Import | None) -> NominalArm:
     """The arm with the coupled motors that the transmission of its logs shows, unless its data sheet says which."""
+    # what the data sheet says goes before what follows from a log
     if arm.coupling is not None or importing is None or importing.transmission is None:
         return arm
     turned = importing.turned
@@ -369,9 +375,12 @@ def _recordings(
     fitted = [part for entry in entries for part in fitted_parts(entry, parts)]
     judged = [part for entry in entries for part in judged_parts(entry, parts)]
     for text in content.get("judge", []):
+        # a whole file under judge: is one of the case format, not of the import section
         judged += fitted_parts(paths.entry(text, "judge"), Import())
+    # fitted and held out together: a file may go on where one of the others ended
     found = joined_in_time([read(part) for part in (*fitted, *judged)])
     recordings, held_out = found[: len(fitted)], found[len(fitted) :]
+    # a judge that has been fitted would judge nothing, whatever its name
     for one, other in product(recordings, held_out):
         if _same_content(one, other):
             raise InputError(
@@ -385,6 +394,7 @@ def _recordings(
 
 def _same_content(one: Recording, other: Recording) -> bool:
     """Whether two recordings hold the same motion with the same torque, whatever their names."""
+    # positions first, which differ at once between two motions
     if one.q.shape != other.q.shape or not np.array_equal(one.q, other.q):
         return False
     first, second = (np.zeros(0) if r.tau is None else r.tau for r in (one, other))

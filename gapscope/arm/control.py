@@ -220,6 +220,7 @@ def like_pd(pd: PD, kind: str, damping: float) -> Controller:
         name: getattr(pd, name)
         for name in ("rate", "feedforward", "velocity_cutoff", "velocity_damping")
     }
+    # kp / kd is w / (2 zeta) in a PD loop
     w = 2 * damping * pd.kp / pd.kd
     slow = INTEGRATOR_SHARE * w
     if kind == PID.kind:
@@ -227,6 +228,7 @@ def like_pd(pd: PD, kind: str, damping: float) -> Controller:
     if kind == Cascade.kind:
         return Cascade(kp=pd.kp / pd.kd, kv=pd.kd, ki=slow * pd.kd, **common)
     if kind == ComputedTorque.kind:
+        # its law holds the whole torque of the nominal arm
         common["feedforward"] = "none"
         return ComputedTorque(kp=w**2, kd=2 * damping * w, **common)
     return pd
@@ -287,6 +289,7 @@ class Targets(NamedTuple):
             dq_ref = make_interp_spline(t, q_ref, k=3)(t, 1)
         velocity = make_interp_spline(t, dq_ref, k=3)
         held = np.clip(times, t[0], t[-1])
+        # position and velocity agree: the cubic through both
         q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
         return cls.of(arm, controller, q, velocity(held), velocity(held, 1))
 
@@ -329,6 +332,7 @@ class ControlLoop:
         else:
             wanted = commands.torque + feedback + self.integral
         applied = np.minimum(np.maximum(wanted, -self._limit), self._limit)
+        # after the torque: forward Euler, with the integrator from before this tick
         if self.controller.integrator is not None:
             slope = self.controller.integration(error, rate)
             self.integral = self.controller.integrator.after(
@@ -350,6 +354,7 @@ class ControlLoop:
         self, commands: Targets, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> np.ndarray:
         """Inverse dynamics of the nominal arm with friction of the reference's velocity [N m]."""
+        # one state or a series: the single one without building arrays
         inverse = self._body.torque if q.ndim == 1 else self._body.inverse_dynamics
         torque = inverse(q, dq, ddq) + self._arm.armature * ddq
         return torque + self._arm.friction(commands.dq)
@@ -378,10 +383,12 @@ def integral_at_start(
     t = recording.t - recording.t[0]
     part = recording.part(t <= START)
     assert part.tau is not None
+    # the command at each row is that of the last tick before it
     target = targets.at((t[t <= START] * controller.rate + 1e-6).astype(int))
     dq = np.gradient(part.q, part.t, axis=0) if part.dq is None else part.dq
     error, rate = target.q - part.q, target.dq - dq
     slope = controller.integration(error, rate)
+    # what the integrator has gained since the first row
     gained = cumulative_trapezoid(slope, part.t, axis=0, initial=0)
     left = part.tau - target.torque - controller.proportional(error, rate) - gained
     mean: np.ndarray = left.mean(axis=0)

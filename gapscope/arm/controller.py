@@ -58,6 +58,7 @@ class Integrator:
             assert self.tracking_time is not None
             slope = slope - excess / self.tracking_time
         elif self.anti_windup == "clamping":
+            # integrating further would only push against the limit
             slope = np.where(excess * slope > 0, 0.0, slope)
         return self.bounded(z + period * slope)
 
@@ -138,6 +139,7 @@ class Controller(ABC):
 
     def times(self: Law, share: float) -> Law:
         """The same law with a bandwidth ``share`` times as large and the same damping."""
+        # each gain by its power of the bandwidth
         scaled = {
             gain.name: share**gain.order * getattr(self, gain.name)
             for gain in self.gains

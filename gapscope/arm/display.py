@@ -63,8 +63,10 @@ def uncertain(value: float, std: float | None, signed: bool = False) -> str:
     if std is None or std <= 0.0 or not math.isfinite(std):
         return significant(value, signed=signed)
     exponent = math.floor(math.log10(std))
+    # two digits of a deviation that begins with 1, 2 or 3, one of others
     places = (0 if std / 10.0**exponent >= 3.55 else 1) - exponent
     if value:
+        # no more digits than a value of doubtful size deserves
         places = min(places, 5 - math.floor(math.log10(abs(value))))
     return (
         f"{_fixed(value, places, signed)} ± {_fixed(max(std, 10.0**-places), places)}"
@@ -91,6 +93,7 @@ def percent(fraction: float | None) -> str:
     if fraction is None:
         return MISSING
     whole = _fixed(100.0 * fraction, 0)
+    # rounded to nothing or all, which it is not
     if whole == "0" and fraction > 0.0:
         return "< 1 %"
     if whole == "100" and fraction < 1.0:

@@ -32,6 +32,7 @@ def _shortened(message: str) -> str:
     """A message of at most ``LONGEST`` characters and a note in its middle."""
     if len(message) <= LONGEST:
         return message
+    # more of the beginning than of the end: it says what is wrong
     end = LONGEST // 4
     left_out = len(message) - LONGEST
     return (
@@ -62,6 +63,7 @@ class InputError(GapscopeError):
         self.file = None if file is None else Path(file)
         self.where = where
         self.problem = message
+        # the place first, as compilers write it
         place = ", ".join(
             part for part in (str(file) if file is not None else "", where) if part
         )

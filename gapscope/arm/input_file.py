@@ -164,6 +164,7 @@ def file_beside(folder: Path, name: object, source: Path, where: str) -> Path:
     if not isinstance(name, str) or not name or "\0" in name:
         raise InputError("expected the name of a file", file=source, where=where)
     place = folder / name
+    # by real paths, so that a link within the folder may not lead out of it
     inside = real_path(place).is_relative_to(real_path(folder))
     if Path(name).is_absolute() or not inside:
         raise InputError(
@@ -178,6 +179,7 @@ def file_beside(folder: Path, name: object, source: Path, where: str) -> Path:
 def _status(path: Path) -> os.stat_result | str:
     """What is at a path, links followed; or why nothing can be there, empty if nothing is."""
     try:
+        # links are followed: what counts is where they lead
         return path.stat()
     except FileNotFoundError:
         return ""
@@ -241,6 +243,7 @@ def read_arrays(path: Path, remedy: str) -> dict[str, np.ndarray]:
     """
     check_file(path, remedy, LARGEST_IN_MEMORY)
     with complete_file(path, "NPZ", remedy):
+        # sizes stand in the directory of the archive: nothing is unpacked for them
         with zipfile.ZipFile(path) as archive:
             check_unpacked(sum(x.file_size for x in archive.infolist()), path)
         with np.load(path, allow_pickle=False) as content:

@@ -42,6 +42,7 @@ class KnownLoad:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        # so written that nan fails as well
         if not (np.isfinite(self.mass) and self.mass >= 0):
             raise InputError(
                 f"a payload of {self.mass:g} kg is none",

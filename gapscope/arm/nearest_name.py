@@ -40,6 +40,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """
     names = {each.casefold(): each for each in known}
     wanted = name.strip().casefold()
+    # two letters are a part of too many names
     parts = [
         each
         for each in names

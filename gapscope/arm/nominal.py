@@ -126,6 +126,8 @@ class NominalArm:
         shapes |= dict.fromkeys((*SHEET_UNITS, "presliding"), (n,))
         for name, shape in shapes.items():
             value = getattr(self, name)
+            # zero of what is absent; a limit that is
+            # absent is no limit, and no coupling no matrix
             if value is None and name not in ("torque_limit", "coupling"):
                 value = np.zeros(shape)
             if value is not None:
@@ -148,6 +150,7 @@ class NominalArm:
         except (TypeError, ValueError, OverflowError):
             array = np.array(np.nan)
         count, fault = " by ".join(map(str, shape)), ""
+        # one number stands for all joints, and is left as it is
         if array.ndim and array.shape != shape:
             each = ", one per joint" if len(shape) == 1 and name != "gravity" else ""
             fault = f"expected {count} numbers{each}, got {array.size}"
@@ -181,6 +184,7 @@ class NominalArm:
         """Numbers from 1 of the motors that turn several joints."""
         if self.coupling is None:
             return ()
+        # one entry in a row of D is the motor's own joint
         several = np.count_nonzero(self.coupling, axis=1) > 1
         return tuple(int(m) + 1 for m in np.flatnonzero(several))
 

@@ -75,6 +75,7 @@ class Columns:
                 )
             return np.broadcast_to(values, (n,))
 
+        # numbers count from 1 in a case and from 0 here
         source = per_joint("columns", range(1, n + 1)).astype(int) - 1
         if sorted(source) != list(range(n)):
             raise InputError(
@@ -97,12 +98,14 @@ class Columns:
             ("offset", self.offset, same.offset),
         ):
             if values != nothing:
+                # one number stands for all joints
                 entry[key] = values[0] if len(set(values)) == 1 else list(values)
         return entry
 
     def __call__(self, series: np.ndarray, *, position: bool = False) -> np.ndarray:
         """The series of the joints, (N, n); the offset is that of positions alone."""
         source = list(self.source)
+        # most readings keep the order: no copy is made
         in_order = source == list(range(series.shape[1]))
         columns = series if in_order else series[:, source]
         out = columns * np.array(self.factor)
@@ -110,6 +113,7 @@ class Columns:
 
     def then(self, other: Columns) -> Columns:
         """These first, and ``other`` of the result."""
+        # other(self(x)): the factor and offset of the column that other takes
         before = list(other.source)
         factor, offset = np.array(other.factor), np.array(other.offset)
         return Columns(
@@ -120,6 +124,7 @@ class Columns:
 
     def inverse(self) -> Columns:
         """The columns that were read, of the series of the joints."""
+        # x_j = f_j r_s(j) + o_j, so that r_k = (x_j - o_j) / f_j with k = s(j)
         place = np.argsort(self.source)
         factor, offset = np.array(self.factor), np.array(self.offset)
         # 0.0 - x, for no offset is 0 and not -0
@@ -216,6 +221,7 @@ class Reading:
         With u(t) = (1 + s) t + d the time at which tau was recorded, u = u_1 u_2; q_ref - T dq_ref at pace s, of
         another lead and pace, has the lead T_1 + s_1 T_2.
         """
+        # slope of the time at which the torque was recorded, 1 + s
         drift = 1.0 + self.torque_drift
         return Reading(
             self.motion.then(other.motion),
@@ -315,6 +321,8 @@ class Reading:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """True q [rad], dq [rad/s], ddq [rad/s^2] of those that the recorded positions and stamps give, (N, n) each."""
         source, factor = list(self.motion.source), np.array(self.motion.factor)
+        # speed and acceleration count in true time,
+        # and columns follow those of positions
         speed, acceleration = factor / self.time_factor, factor / self.time_factor**2
         return (
             self.motion(q, position=True),
@@ -327,6 +335,7 @@ class Reading:
         changed = {}
         for name, series in values.items():
             columns: Columns = getattr(self, COLUMNS.get(name, "motion"))
+            # a sign, a scale or an offset is no matter of a temperature, its column is
             if name == "temperature":
                 columns = replace(columns, factor=(1.0,) * len(columns.source))
             if columns != Columns.identity(len(columns.source)):
@@ -360,6 +369,7 @@ class Reading:
                 notes = recording.notes + notes
                 recording = recording.part(~repeated, notes=notes)
         t = even_stamps(recording.t) if self.even else recording.t
+        # about the first stamp: a recording that goes on from another keeps its start
         if self.differs("time_factor"):
             t = t[0] + (t - t[0]) * self.time_factor
         changed: dict[str, Any] = {} if t is recording.t else {"t": t}
@@ -379,6 +389,7 @@ class Reading:
         if at_work and all(series is not None for series in known):
             q_ref, dq_ref = references(recording, "unmeasured_torque")
             tau, rate = np.array(recording.tau), np.asarray(recording.dq)
+            # only of joints whose recorded torque was none
             for j, (kp, kd) in at_work.items():
                 error = (q_ref - recording.q)[:, j]
                 tau[:, j] = kp * error + kd * (dq_ref - rate)[:, j]
@@ -436,6 +447,7 @@ def advanced(recording: Recording, delay: float, drift: float = 0.0) -> Recordin
     # a due time that is a sample's but for rounding is that sample's
     inside = due - 1e-9 <= t[-1]
     after = np.clip(np.searchsorted(t, due - 1e-9), 1, len(t) - 1)
+    # a step over a gap was not recorded: nothing is interpolated in it
     inside &= t[after] - t[after - 1] <= GAP_STEPS / recording.rate
     if inside.sum() < 2:
         raise InputError(
@@ -497,6 +509,7 @@ def at_pace(recording: Recording, factor: float) -> Recording:
     reached = t[0] + (t - t[0]) * factor
     inside = reached <= t[-1]
     changed: dict[str, Any] = {}
+    # chain rule: at pace s the velocity is s times that of the reference
     for channel, times in (("q_ref", 1.0), ("dq_ref", factor)):
         series = getattr(recording, channel)
         if series is not None:

@@ -65,6 +65,7 @@ class Recording:
         for name in ("t", *CHANNELS):
             value = getattr(self, name)
             if value is not None:
+                # frozen: attributes are set behind the dataclass
                 object.__setattr__(self, name, _frozen(value))
         if self.t.ndim != 1 or self.q.ndim != 2:
             raise InputError(
@@ -106,6 +107,7 @@ class Recording:
         """
         if len(self.t) < 2:
             return float("nan")
+        # one lost row makes a step of two: the mean is of those that are usual
         steps = np.diff(self.t)
         median = np.median(steps)
         usual = steps[np.abs(steps - median) <= USUAL_STEP * np.abs(median)]
@@ -115,6 +117,7 @@ class Recording:
     @property
     def stamps(self) -> np.ndarray:
         """Time by the log's own clock, to 1e-9 s, shape (N,)."""
+        # to the digits that a stamp has; adding a date leaves others
         return np.round(self.t + self.begun, 9) if self.begun else self.t
 
     @property
@@ -153,6 +156,7 @@ def resting(recordings: Iterable[Recording], per_radian: np.ndarray) -> np.ndarr
 def _frozen(value: Any) -> np.ndarray:
     """A read-only array of numbers: the array itself if it is one, as those of another recording are, else a copy."""
     shared = isinstance(value, np.ndarray) and value.dtype == float
+    # of another recording, and frozen already: shared
     if shared and not value.flags.writeable:
         return value
     array = np.array(value, dtype=float)
@@ -181,6 +185,7 @@ def step_notes(recording: Recording) -> tuple[str, ...]:
     if recording.tau is None:
         return ()
     steps, deviation = torque_step(recording.tau), recording.tau.std(axis=0)
+    # rounding adds noise of step / sqrt 12
     coarse = np.flatnonzero(steps > NOTED * np.sqrt(12.0) * deviation)
     if not len(coarse):
         return ()
@@ -272,6 +277,8 @@ def _held(t: np.ndarray, q: np.ndarray, series: np.ndarray) -> np.ndarray:
     # most torques never keep a value for three rows
     if min(lengths.max(initial=0), len(lengths)) < 3:
         return held
+    # values at the ends, which a limit keeps, are
+    # no measure of how long one usually lasts
     extreme = np.isin(series[starts], (series.min(), series.max()))
     long = t[stops - 1] - t[starts] >= STUCK_TIME
     usual = _usual(lengths[~extreme & ~long])
@@ -284,6 +291,7 @@ def _held(t: np.ndarray, q: np.ndarray, series: np.ndarray) -> np.ndarray:
         at_limit = np.flatnonzero(series[starts] == value)
         longest = int(at_limit[lengths[at_limit].argmax()])
         if lengths[longest] > CLIPPED_RATIO * usual and moves(longest):
+            # the limit counts throughout, even where it was touched for a row
             clipped |= series == value
     for place in np.flatnonzero(long & ~extreme & (lengths > STUCK_RATIO * usual)):
         if moves(place):
@@ -300,6 +308,7 @@ def kept_values(series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _usual(lengths: np.ndarray) -> float:
     """Time for which values usually last [rows]: below it they last in most rows; one row if there are none."""
+    # by rows, not by values: many short ones count little beside a long one
     ordered = np.sort(lengths)
     rows = np.cumsum(ordered)
     if not len(rows):
@@ -334,6 +343,7 @@ class SetPoints:
     def smooth(self, recording: Recording) -> Recording:
         """The recording with the cubic spline through the set points as its reference."""
         assert recording.q_ref is not None
+        # a spline without points in a rest would swing there
         rows = _with_rests(self.rows, self.every, len(recording.t))
         t = recording.t
         spline = make_interp_spline(t[rows], recording.q_ref[rows], k=3)
@@ -346,6 +356,7 @@ def set_points(recording: Recording) -> SetPoints | None:
     if recording.q_ref is None or len(recording.t) < SET_POINT_LEAST:
         return None
     step = np.diff(recording.q_ref, axis=0)
+    # all joints of a controller have their set points in the same rows
     changed = np.flatnonzero(step.any(axis=1)) + 1
     if _every(changed) is not None and not _quantised(step):
         return _regular("held", changed)
@@ -354,6 +365,7 @@ def set_points(recording: Recording) -> SetPoints | None:
         np.ptp(recording.q_ref, axis=0), np.finfo(float).eps
     )
     most = bend.max(axis=1)
+    # so many corners there have to be: the smallest of them
     plain = np.sort(most)[-SET_POINT_LEAST]
     corners = np.flatnonzero(most > CORNER_SHARE * plain) + 1
     return _regular("interpolated", corners)
@@ -370,6 +382,7 @@ def _every(rows: np.ndarray) -> int | None:
     if len(distance) < SET_POINT_LEAST:
         return None
     every = int(np.median(distance))
+    # longer distances are rests, in which nothing changes
     moving = distance[distance < 4 * every]
     near = np.abs(moving - every) <= 1
     # of two rows, one more or less would be anything

@@ -97,6 +97,7 @@ def locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | Non
         InputError: there is neither such a file nor such a robot, or the package that has it is not installed.
     """
     path = folder / robot
+    # a file of that name goes before a known robot
     if is_file(path):
         return path, None
     known = KNOWN_ROBOTS.get(str(robot))
@@ -109,6 +110,7 @@ def locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | Non
         )
         check_file(path, remedy, absent="no such URDF file")
         return path, None
+    # that of PyBullet has meshes, the package's own has none
     package = pybullet_data()
     if package is not None and known.urdf:
         return package / known.urdf, known.joints
@@ -197,6 +199,7 @@ def shifted_text(text: str, by: int, moved_only: bool = False) -> str:
     root = ET.fromstring(text)
     links = _links(root, moved_only)
     inertials = [link.find("inertial") for link in links]
+    # links in a ring: what falls off one end goes to the other
     givers = np.roll(np.arange(len(links)), by)
     for link, own, giver in zip(links, inertials, givers, strict=True):
         given = inertials[int(giver)]
@@ -273,6 +276,7 @@ def load_nominal_arm(
     """
     urdf, default_joints = locate(robot, folder or Path())
     tree = read_description(urdf, shapes=False)
+    # what is asked for, else what the name stands for, else all that moves
     found = tree.chain(*chain) if chain else default_joints or actuated_joints(tree)
     names = tuple(joints or found)
     if not names:
@@ -287,8 +291,10 @@ def load_nominal_arm(
             file=source or tree.file,
             where="field joints",
         )
+    # without a choice of joints the whole file is the arm, and is checked
     if not (joints or chain or default_joints):
         checked(tree)
+    # then what concerns these joints
     checked(tree, names)
     given = _checked_sheet(sheet, len(names), source)
     positions, reflected, assumed = lock(tree, names, locked or {})
@@ -298,6 +304,7 @@ def load_nominal_arm(
         for link, fault in inertial_faults(tree).items()
         if link not in moved
     ]
+    # of a known robot all this is known, and would be said each time
     if default_joints is None:
         notes += (*assumed, *filter(None, [placeholder(tree, names)]))
         notes += silent_limits(tree, names)
@@ -310,6 +317,7 @@ def load_nominal_arm(
         values |= {} if tree.gravity is None else {"gravity": tree.gravity}
     for note in notes:
         warnings.warn(note, ModelWarning, stacklevel=2)
+    # what is given goes before what the file says
     values |= given
     if reflected.any():
         values["armature"] = np.asarray(values["armature"], float) + reflected
@@ -326,6 +334,7 @@ def load_nominal_arm(
             **values,
         )
     except InputError as error:
+        # an error of the sheet is one of the case, not of the robot's file
         if error.where.removeprefix("nominal.") not in given:
             raise
         place = "sheet" if source is None else "field nominal"
@@ -340,6 +349,7 @@ def _checked_sheet(
 ) -> dict[str, Any]:
     """The entries of a data sheet that say something, by the case schema; coupling as the matrix D, (n, n)."""
     given = sheet
+    # null, and a step of zero, say nothing
     if isinstance(sheet, Mapping):
         given = {key: value for key, value in sheet.items() if value is not None}
         if given.get("encoder_step") == 0:
@@ -364,6 +374,7 @@ def _friction_source(
         for name in ("coulomb", "viscous")
         if np.any(values[name])
     }
+    # from one place: its name alone
     if len(set(sources.values())) < 2:
         return "".join(set(sources.values()))
     return ", ".join(f"{name} from {source}" for name, source in sources.items())

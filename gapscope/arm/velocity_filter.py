@@ -107,11 +107,13 @@ class VelocityFilter:
     ) -> None:
         gains = filter_gains(rate, cutoff, damping, rule)
         self._gains = np.array(gains)
+        # as if it had moved at that velocity forever
         moved = np.asarray(velocity, dtype=float) / rate
         self.past = np.array(
             [position, position - moved, position - 2 * moved, velocity, velocity]
         )
         self._next = np.empty_like(self.past)
+        # v[k-2] is set so that the first call gives what was recorded
         if first is not None and gains.a2:
             flat = self.past.reshape(5, -1)
             flat[4] += (np.ravel(first) - self._gains @ flat) / gains.a2
@@ -124,6 +126,7 @@ class VelocityFilter:
         # from one array into another: numpy takes longer to move rows within one
         after[1:] = past[:-1]
         after[3] = v
+        # the two arrays change places: what was written becomes the past
         self.past, self._next = after, past
         return v
 
@@ -142,7 +145,9 @@ def rule_of(recording: Recording, controller: Controller) -> str:
     ):
         return "bilinear"
     h = 1.0 / controller.rate
+    # at the ticks of the controller, of which a recording may hold some only
     t = recording.t[0] + h * np.arange(int(recording.duration / h + 1e-6) + 1)
+    # from zero, so that the filter does not start with a leap
     q = make_interp_spline(recording.t, recording.q - recording.q[0], k=3)(t)
     settled = recording.t > recording.t[0] + SETTLING
     mean_square = {}

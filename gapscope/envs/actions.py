@@ -72,6 +72,7 @@ def scaled(gains: Gains, action: np.ndarray) -> tuple[np.ndarray | float, Gains]
     1 + a_i / 2.
     """
     n = len(gains.kp)
+    # 2 n numbers: the first are for the feedforward, the last for the gains
     both = action.shape[-1] == 2 * n
     factor = 2.0 ** (action[..., n:] if both else action)
     feedforward = 1.0 + FEEDFORWARD_SPAN * action[..., :n] if both else 1.0
@@ -82,6 +83,7 @@ def torque_limit(arm: NominalArm, body: RigidBody) -> np.ndarray:
     """Torque that the arm is clipped at [N m], shape (n,): data sheet, else URDF, else none (infinite)."""
     if arm.torque_limit is not None:
         return arm.torque_limit
+    # many files give no effort limit, or one of zero
     effort = body.effort_limits()
     return np.where(effort > 0, effort, np.inf)
 
@@ -97,6 +99,7 @@ def rated_torque(arm: NominalArm, body: RigidBody, space: Workspace) -> np.ndarr
     mass = body.mass_matrix(posture) + np.diag(arm.armature)
     gravity = np.abs(body.bias(posture, np.zeros(len(posture))))
     friction = arm.coulomb + arm.viscous * limits.velocity
+    # M, all of it: a joint also carries what the others' accelerations ask of it
     needed = gravity + np.abs(mass) @ limits.acceleration + friction
     return np.minimum(
         torque_limit(arm, body), np.maximum(GENEROUS * needed, BRISK * np.diag(mass))
@@ -136,6 +139,7 @@ def control(
     check_known("action", kind, ACTION_KINDS, where="action")
     limit, rated = torque_limit(arm, body), rated_torque(arm, body, space)
     gains = None
+    # the torque itself as the action leaves nothing for a loop to do
     if kind != "torque":
         # nominal viscous friction damps the loop already: the stiffness makes good what it takes
         inertia = np.diag(body.mass_matrix(space.posture)) + arm.armature

@@ -46,10 +46,12 @@ def check_values(
         InputError: one is not what is expected; says what is.
     """
     given = {name: value for name, value in values.items() if value is not None}
+    # what is not finite has no place in a schema: as null it is refused there
     content = plain(given, null_if_not_finite=True)
     fault = schema_fault(content, document, section)
     if fault is not None:
         name = str(fault.absolute_path[0])
+        # the schema says in words what it wants
         expected = fault.schema["description"]
         raise InputError(
             f"expected {expected}, got {values[name]!r}", where=where + name
@@ -167,6 +169,7 @@ def chosen_robot(
     """
     if isinstance(robot, (str, Path)):
         known, arm = KNOWN_ROBOTS.get(str(robot)), load_nominal_arm(robot, sheet=sheet)
+        # a robot by name is to be controllable: bodies alone may be too light for that
         if known is not None and known.rotors and not arm.armature.any():
             arm = replace(arm, armature=np.array(known.rotors))
         return arm
@@ -204,6 +207,7 @@ def checked_motion(
             "give a name, or position, velocity and acceleration",
             where="motion",
         )
+    # asked of one sample: what a motion returns says how many joints it is of
     elif (shape := motion.position(np.zeros(1)).shape) != (1, n_joints):
         raise InputError(
             f"one sample of the motion has shape {shape}, the arm has {n_joints} joints",
@@ -249,6 +253,7 @@ def chosen_base(
             "leave them out",
             where="effects",
         )
+    # observations and actions are by the joints of the robot
     if simulated.arm.joints != arm.joints:
         raise InputError(
             f"has the joints {', '.join(simulated.arm.joints)}, the robot has {', '.join(arm.joints)}",

@@ -98,6 +98,7 @@ def _read(entry: Any, where: str, path: Path) -> EffectRange:
         raise InputError(
             "expected effect:, joints:, low: and high:", file=path, where=where
         )
+    # joints and name are said once, each end has its own parameters
     rest = {name: entry[name] for name in ("effect", "joints") if name in entry}
     low, high = (
         read_entry(rest | {"parameters": entry[end]}, f"{where}.{end}", path)
@@ -115,6 +116,7 @@ def _read(entry: Any, where: str, path: Path) -> EffectRange:
 
 
 def _entry(item: EffectRange) -> dict[str, Any]:
+    # what was not given stays at its default when it is read again
     low, high = (
         {name: end.parameters[name].tolist() for name in end.given}
         for end in (item.low, item.high)
@@ -158,6 +160,7 @@ def spread(units: Sequence[Iterable[EffectRange]]) -> tuple[EffectRange, ...]:
         {r.key: r for r in unit if not isinstance(r.low.effect, External)}
         for unit in units
     ]
+    # a dict and no set: their order is the same from run to run
     keys = dict.fromkeys(key for unit in by_unit for key in unit)
     return tuple(
         _hull([unit[key] for unit in by_unit if key in unit], len(by_unit))
@@ -183,6 +186,7 @@ def _hull(items: list[EffectRange], units: int) -> EffectRange:
         absent = 0.0 if parameter.severity == 1 else np.nan
         lows = [_on(item.low, name, joints, absent) for item in items]
         highs = [_on(item.high, name, joints, absent) for item in items]
+        # a unit without the effect stretches the range to zero, or says nothing (nan)
         if len(items) < units:
             without = np.full(lows[0].shape, absent)
             lows.append(without)
@@ -210,6 +214,7 @@ def _raised(applied: AppliedEffect, arm: NominalArm) -> AppliedEffect:
     rows = np.array(applied.joints, dtype=int) - 1
     values = dict(applied.parameters)
     for name, quantity in applied.effect.quantities.items():
+        # what is added may take off no more than the data sheet states
         if quantity in SHEET:
             least = -getattr(arm, SHEET[quantity])[rows]
             values[name] = np.maximum(values[name], least)

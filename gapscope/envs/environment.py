@@ -114,6 +114,7 @@ class Layout:
         self, n_joints: int, look_ahead: Sequence[float], n_actions: int | None = None
     ) -> None:
         n = n_joints
+        # in the order of the observation: four are measured, four planned
         lengths = {
             "position": (n, FURTHEST),
             "velocity": (n, FASTEST_OBSERVED),
@@ -150,6 +151,7 @@ class Layout:
     ) -> np.ndarray:
         """The observation from the four measured quantities, and the planned ones in one row; or those of N rows."""
         row = np.concatenate((*measured, planned), axis=-1, dtype=np.float32)
+        # in place: one is made at every action, of all arms at once
         np.maximum(row, self._low, out=row)
         return np.minimum(row, self._high, out=row)
 
@@ -176,6 +178,7 @@ class Timing:
         self, dt: float, sub_steps: int, duration: float, look_ahead: Sequence[float]
     ) -> None:
         self.dt, self.sub_steps = dt, sub_steps
+        # a duration of whole periods, but for rounding, gets no further action
         self.actions = max(1, int(np.ceil(duration / self.period - 1e-9)))
         self.look_ahead = tuple(look_ahead)
 
@@ -209,6 +212,8 @@ class SampledReference:
     def __init__(self, setup: Setup, reference: ReferenceMotion) -> None:
         model, timing = setup.feedforward, setup.timing
         steps = timing.actions * timing.sub_steps + 1
+        # feedforward by name asks for one state at
+        # a time, and for nothing beyond the end
         more = 0 if isinstance(model, str) else round(EXTENSION / timing.dt)
         t = timing.dt * np.arange(steps + more)
         self.motion = motion = Motion(
@@ -216,6 +221,7 @@ class SampledReference:
         )
         chosen = slice(0, steps, timing.sub_steps)
         t, self.q, dq = motion.t[chosen], motion.q[chosen], motion.dq[chosen]
+        # relative to the reference now, as the error is relative to it
         ahead = [reference.position(t + time) - self.q for time in timing.look_ahead]
         self.dq = dq[0]
         if isinstance(model, str):
@@ -252,11 +258,13 @@ def chosen_effects(effects: Effects, arm: NominalArm) -> tuple[AppliedEffect, ..
     file = effects if isinstance(effects, (str, Path)) else None
     if file is None:
         found = _records(effects)
+    # a name without values is the likelier mistake than a file that is missing
     elif str(file) in CATALOGUE and not Path(file).exists():
         what = f"{str(file)!r} is the name of an effect, without values"
         raise InputError(what, GIVE, where="effects")
     else:
         found = read_corrected(file)
+    # a joint that the arm lacks is then an error of the file, with its place
     with error_context(file, found):
         CorrectedArm(arm, found).check()
     return found
@@ -266,6 +274,7 @@ def _records(effects: Any) -> tuple[AppliedEffect, ...]:
     """Effects that are records or entries, one or several."""
     if effects is None:
         return ()
+    # the content of a whole file
     if isinstance(effects, Mapping) and "effects" in effects:
         if effects.get("residual"):
             raise InputError(
@@ -351,6 +360,7 @@ class Setup(NamedTuple):
         chosen = self.options._replace(**options)
         motion = checked_motion(chosen.motion, self.arm.n_joints)
         effects = chosen.effects
+        # those of the constructor have been checked there
         if "effects" in options:
             effects = chosen_effects(options["effects"], self.arm)
         randomisation = checked_randomisation(chosen.randomisation)
@@ -401,6 +411,8 @@ def divergence_info(
     causes: list[str] = []
     gains = control.gains
     if gains is not None:
+        # of the nominal arm: the gains were made for
+        # it, and effects are a cause of their own
         mass = setup.body.mass_matrix(q) + np.diag(arm.armature)
 
         def works(step: float) -> bool:
@@ -410,6 +422,7 @@ def divergence_info(
             longest = largest_stable(works, dt)
             lower = SAFE * pd_loop(gains, dt).stable_share([mass], arm.viscous)
             below = f"bandwidth below {lower:.2g} of what it is"
+            # none is stable: then no number is advised
             ways = [f"time_step below {0.5 * longest:.2g} s"] * (longest > 0)
             ways.append(below if lower > 0 else "a lower bandwidth")
             causes.append(
@@ -499,6 +512,7 @@ class SampledReferences:
         self._sub_steps = sub_steps
         self.at: np.ndarray = np.zeros(count, dtype=int)
         self.planned = np.zeros((count, planned))
+        # views: they change with the rows of the planned part
         self.position, self.rate = self.planned[:, :n], self.planned[:, n : 2 * n]
         self._courses: dict[int, SampledReference] = {}
 
@@ -515,6 +529,7 @@ class SampledReferences:
         count = self._sub_steps
         both = np.empty((2, count + 1, *self.position.shape))
         for number, at in enumerate(self.at.tolist()):
+            # each episode is at an action of its own, so that each takes other rows
             rows = slice(at * count, at * count + count + 1)
             both[:, :, number] = self._courses[number].steps[:, rows]
         return both[0], both[1]
@@ -554,6 +569,7 @@ class VelocityFilters:
         """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
         rate = self._rate
         one = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, position, velocity)
+        # the first of the two arrays is the one that is read next
         self._pasts[0][:, number] = one.past
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
@@ -563,6 +579,7 @@ class VelocityFilters:
         newest[...] = q
         older[...] = kept
         self._product(table, out=result)
+        # what was written is the past of the next call
         self._turns.reverse()
         self._pasts.reverse()
         return velocity
@@ -623,6 +640,7 @@ class Episodes:
             setup.timing.dt,
             count,
             engine=engine,
+            # encoders are those of the robot, whatever arm is simulated in its place
             encoder_step=setup.arm.encoder_step or 0.0,
             encoder_noise=setup.encoder_noise,
             together=together,
@@ -678,16 +696,20 @@ class Episodes:
         Raises:
             InputError: an option that cannot be used, or an effect that cannot be simulated, or not beside other arms.
         """
+        # two numbers whatever is drawn from them: later episodes stay the same
         seed = rng.integers(2**63, size=2)
         course, effects = self.setup.draw(options, seed)
         arms = self._arms
         arms.put(number, effects)
+        # a stream of its own: noise does not depend on the motion or the effects drawn
         arms.draw_noise_from(number, np.random.default_rng(seed))
         self.courses.put(number, course)
         start, still = course.q[0], np.zeros(len(course.dq))
+        # by the encoders: with a zero that is off the arm itself stands elsewhere
         arms.start(number, start, course.dq)
         self._home[number] = self.q[number] = arms.state("q")[number]
         moving = self._control.gains is None
+        # a PD loop differentiates the tracking error, which is zero at the start
         first = (start, course.dq) if moving else (still, still)
         self._estimate.put(number, *first)
         self.position[number] = arms.read_one(number)
@@ -696,6 +718,7 @@ class Episodes:
         self.dq[number], self.applied[number] = course.dq, 0.0
         self.load[number] = self.torque_rate[number] = 0.0
         if self.setup.base.residual is not None:
+            # what a network is told of the load depends on the effects of this episode
             having = replace(self.setup.base, effects=effects)
             steps = self._timing.sub_steps
             self._networks[number] = NetworkTorque(having, course.motion, steps)
@@ -719,6 +742,7 @@ class Episodes:
         reading = self.position[number]
         if number not in self.diverged:
             return dict(stop_info(self.setup, self.q[number], reading))
+        # the course has gone on already: it was the action before
         before = int(self.courses.at[number] - 1) * self._timing.sub_steps
         until = before + self.diverged[number].done
         state = reading, self.dq[number]
@@ -745,6 +769,7 @@ class Episodes:
             (N,); and why episodes ended early, by number of the environment.
         """
         np.minimum(np.maximum(action, -1.0, action), 1.0, action)
+        # once all arms have acted there is nothing more to note
         if np.count_nonzero(self._acted) < len(action):
             self._acted |= action.any(axis=1)
         self._act(action)
@@ -761,6 +786,7 @@ class Episodes:
         lowest, highest = self._stops
         stopped = (self.q <= lowest) | (self.q >= highest)
         early = set(self.diverged)
+        # hardly ever: one question for all arms, and more only then
         if np.count_nonzero(stopped):
             early.update(np.flatnonzero(stopped.any(axis=1)).tolist())
         ends = {number: self._early_end(number) for number in sorted(early)}
@@ -769,6 +795,7 @@ class Episodes:
     def _act(self, action: np.ndarray) -> None:
         """Carry out the next action of each, shape (N, ...); the courses go on."""
         self.diverged, kept, courses = {}, self.velocity, self.courses
+        # networks see what the encoders gave before this action
         for number, network in self._networks.items():
             now = self.position[number], self.velocity[number]
             network.see(int(courses.at[number]), *now)
@@ -778,6 +805,7 @@ class Episodes:
         else:
             self._track(action)
         self.q, self.dq, self.applied = map(self._arms.state, ("q", "dq", "applied"))
+        # these arms stand at their start by now; what they had as they diverged is told
         for number, end in self.diverged.items():
             self.torque[number], self.position[number] = end.torque, end.position
             self.q[number], self.dq[number] = end.q, end.dq
@@ -793,15 +821,19 @@ class Episodes:
         commanded = self.torque.ravel()
         maximum(commanded, self._lowest, commanded)
         minimum(commanded, self._limit, commanded)
+        # the torque is held throughout, only the encoders are read in between
         for done in range(0, steps, self._chunk):
             velocity = estimate(self._hold(commanded, done))
             self.velocity = velocity.reshape(before.shape)
+        # a copy: the filter writes into this memory again
         self.velocity = self.velocity.copy()
         share, jump = self.torque / self._rated, self.torque - before
         held = self._steps_of(steps)
         for number, end in self.diverged.items():
+            # noticed after the reading in which it happened, whose steps were all made
             held[number] = min(end.done + self._chunk, steps)
         squares, jumps = np.vecdot(share, share), np.vecdot(jump, jump)
+        # the same torque at every step, and a single jump at the first
         self._note(held * squares, jumps, held)
 
     def _track(self, action: np.ndarray) -> None:
@@ -810,6 +842,8 @@ class Episodes:
         assert control.gains is not None and gains is not None
         before, velocity = self.torque, self.velocity
         reference, wanted = courses.steps()
+        # the reference also stands at the step after
+        # the last, the feedforward is not asked there
         wanted = wanted[:-1]
         if control.multiplies:
             factor, scaled_gains = scaled(control.gains, action)
@@ -819,12 +853,14 @@ class Episodes:
             wanted += self._scale * action
         kp, kd, lowest, limit = *gains, self._lowest, self._limit
         error, work, estimate = self._error, self._work, self._estimate
+        # dq_ref - dq: the derivative of the error, as the last action left it
         rate = (courses.rate - velocity).ravel()
         subtract(reference[0].ravel(), self.position.ravel(), error)
         # rows, filled in place
         torques, following = (
             series.reshape(len(wanted), -1) for series in (wanted, reference[1:])
         )
+        # from here on each row of the feedforward turns into the torque commanded
         for done, (torque, after) in enumerate(zip(torques, following, strict=True)):
             multiply(kp, error, work)
             add(torque, work, torque)
@@ -835,6 +871,8 @@ class Episodes:
             subtract(after, self._hold(torque, done), error)
             rate = estimate(error)
         courses.go_on()
+        # back from the derivative of the error to
+        # a velocity: dq = dq_ref - D(q_ref - q)
         self.velocity = courses.rate - rate.reshape(before.shape)
         self.torque = wanted[-1].copy()
         self._note_series(wanted, before)
@@ -850,6 +888,8 @@ class Episodes:
             for number, network in self._networks.items():
                 table = felt.reshape(self.q.shape)
                 step = self.courses.at[number] * self._timing.sub_steps + done
+                # felt by the arm alone: what is observed
+                # and rewarded is what was commanded
                 table[number] -= network.torque(step)
         arms.hold(felt, self._chunk)
         dq = arms.dq
@@ -873,6 +913,7 @@ class Episodes:
                 self.velocity[number].copy(),
                 *(arms.state(name)[number] for name in ("q", "dq", "applied")),
             )
+        # a state that is no number would stay one until the next episode
         arms.reset(number, self._home[number], np.zeros(len(torque)))
 
     def _note_series(self, torque: np.ndarray, before: np.ndarray) -> None:
@@ -880,6 +921,7 @@ class Episodes:
         share, jumps = self._series
         series = torque.transpose(1, 0, 2)
         np.divide(series, self._control.rated, share)
+        # the first change is that from the action before
         subtract(series[:, 0], before, jumps[:, 0])
         subtract(series[:, 1:], series[:, :-1], jumps[:, 1:])
         flat = self._series.reshape(2, len(share), -1)
@@ -1035,6 +1077,7 @@ class ArmTracking(gymnasium.Env):
             debug=debug,
         )
         self._episodes = Episodes(self.setup, engine=engine)
+        # none until a reset, without which a step is refused
         self._course: SampledReference | None = None
         self.observation_space = self.layout.space
         self.action_space = Box(-1.0, 1.0, (own_control.size,), dtype=np.float32)
@@ -1099,6 +1142,7 @@ class ArmTracking(gymnasium.Env):
         terminated = bool(early)
         truncated = bool(episodes.courses.at[0] >= self.setup.timing.actions)
         self._show(errors[0], info)
+        # Gymnasium asks for a reset before the next step
         if terminated or truncated:
             self._course = None
         observation = episodes.observations(errors)[0]
@@ -1169,6 +1213,7 @@ class VectorArmTracking(VectorEnv):
             )
         self._mode = modes[name]
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
+        # checks all arguments, and makes what the environments share
         one = ArmTracking(robot, engine=engine, **options)
         one.close()
         self.arm, self.setup, self.layout = one.arm, one.setup, one.layout
@@ -1183,6 +1228,8 @@ class VectorArmTracking(VectorEnv):
         kinds = [CATALOGUE[name] for name in names]
         motors = any(isinstance(x, Transmission) or x.reach == "motor" for x in kinds)
         together = engine == "mujoco" and not motors
+        # given effects may need motors or springs of
+        # their own: then a simulator for each arm
         try:
             self._episodes = episodes(together=together, threads=threads)
         except InputError:
@@ -1252,15 +1299,18 @@ class VectorArmTracking(VectorEnv):
         episodes, waiting = self._episodes, self._ended.copy()
         chosen = checked_actions(actions, episodes.action.shape)
         error, rewards, values, early = episodes.play(chosen)
+        # an arm that waits for its reset does nothing that counts
         early = {i: why for i, why in early.items() if not waiting[i]}
         terminated = np.zeros(self.num_envs, dtype=bool)
         terminated[list(early)] = True
         truncated = (episodes.courses.at >= self.setup.timing.actions) & ~waiting
         ended = terminated | truncated
+        # those that are reset in this step; their info is that of the new episode
         now = ended if self._mode == AutoresetMode.SAME_STEP else waiting
         told = ~now
         infos = self._infos(told, values, early)
         observations = None
+        # before the reset, which overwrites what was observed last
         if self._mode == AutoresetMode.SAME_STEP and now.any():
             observations = episodes.observations(error)
             infos |= self._final(now, values, early, observations)
@@ -1268,8 +1318,10 @@ class VectorArmTracking(VectorEnv):
         for number in np.flatnonzero(now).tolist():
             info = self._reset_one(number, None, {})
             infos = self._add_info(infos, info, number)
+        # the reset has moved these arms, and given them another reference
         if now.any():
             error = episodes.error()
+        # after a reset in the same step nobody waits
         self._ended = ended if self._mode == AutoresetMode.NEXT_STEP else ended & False
         return episodes.observations(error), rewards, terminated, truncated, infos
 
@@ -1282,6 +1334,7 @@ class VectorArmTracking(VectorEnv):
     ) -> dict[str, Any]:
         """Begin an episode of one environment, as ``ArmTracking.reset`` does; its info."""
         rng = self._rngs[number]
+        # without a seed the stream goes on, as in a single environment
         if seed is not None or rng is None:
             rng, self._seeds[number] = seeding.np_random(seed)
             self._rngs[number] = rng

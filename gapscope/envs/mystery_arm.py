@@ -69,6 +69,7 @@ def mystery_arm(rng: np.random.Generator) -> tuple[Case, tuple[AppliedEffect, ..
     """
     arm = iiwa()
     references = [_reference(rng, arm, frequency) for frequency in FREQUENCIES]
+    # effects are to show in the motions that will be recorded
     truth = draw_effects(rng, arm, references)
     controller = position_controller(arm, POSTURE)
     recordings = tuple(
@@ -93,6 +94,7 @@ def draw_effects(
     """One or two different effects, on different joints, each of which shows in the torque of these motions."""
     body, motion = RigidBody(arm), _motion(references)
     nominal = CorrectedArm(arm).predict(body, motion)
+    # a joint that hardly carries torque is measured by a share of the strongest
     scale = np.maximum(nominal.std(axis=0), 0.05 * nominal.std(axis=0).max())
     wanted = int(rng.integers(1, 3))
     effects: list[AppliedEffect] = []
@@ -100,11 +102,14 @@ def draw_effects(
         if len(effects) == wanted:
             return tuple(effects)
         names = [name for name in HIDDEN if name not in [e.name for e in effects]]
+        # on joints of its own, so that no two effects stand for each other
         taken = {joint for e in effects for joint in e.joints}
         free = [joint for joint in range(1, arm.n_joints + 1) if joint not in taken]
         drawn = _draw(rng, str(rng.choice(names)), free, motion, scale)
         gap = CorrectedArm(arm, (drawn,)).predict(body, motion) - nominal
+        # what an effect changes in the torque, on each joint over what that carries
         share = np.sqrt(np.mean(gap**2, axis=0)) / scale
+        # a load has no joints of its own: where it shows most it has to show
         own = (
             share[np.array(drawn.joints) - 1]
             if drawn.joints
@@ -133,6 +138,7 @@ def _draw(
     speed, acceleration = (
         np.sqrt(np.mean(x**2, axis=0))[joints - 1] for x in (motion.dq, motion.ddq)
     )
+    # damping and rotors take that torque at the usual speed or acceleration
     quantities = {
         "friction": torque,
         "damping": torque / speed,
@@ -141,6 +147,7 @@ def _draw(
         "scale": sign * rng.uniform(0.1, 0.3, size),
         "offset": sign * torque,
         "delay": rng.uniform(0.004, 0.02, size),
+        # one to five degrees
         "zero": sign * rng.uniform(0.0175, 0.0873, size),
     }
     values = {name: quantities[effect.quantities[name]] for name in effect.needed}
@@ -150,6 +157,7 @@ def _draw(
 def _reference(rng: np.random.Generator, arm: NominalArm, frequency: float) -> Fourier:
     """A motion about the posture, the faster the higher its base frequency [Hz]."""
     limits = urdf_limits(RigidBody(arm), acceleration=6.0)
+    # slow motions use less than the limits, so that laws of the velocity can be told
     speed = SPEED * min(1.0, frequency / 0.2)
     reach = 0.9 * np.minimum(limits.upper - POSTURE, POSTURE - limits.lower)
     around = Limits(

@@ -58,6 +58,7 @@ class SampledLoop(NamedTuple):
 
         def works(share: float) -> bool:
             loop = self.times(share)
+            # gains for a stretched arm may be too large for a folded one
             return all(loop.stable(mass, viscous, nominal) for mass, nominal in pairs)
 
         return 1.0 if works(1.0) else largest_stable(works, 1.0)
@@ -95,9 +96,11 @@ class SampledLoop(NamedTuple):
             torque = torque + z
             integral = [z + self.dt * law.integration(q, v)]
         commanded = [torque, *others]
+        # rows are states and M is symmetric: dq @ M is M dq
         pushed = dq @ mass - self.dt * commanded[-1]
         damped = mass + self.dt * np.diag(viscous)
         faster = np.linalg.solve(damped, pushed.T).T
+        # in the order of the unit states: what was the latest moves one place on
         following = (q + self.dt * faster, faster, q, q1, v, v1)
         after = np.hstack([*following, *commanded[:-1], *integral])
         return float(np.abs(np.linalg.eigvals(after)).max())
@@ -115,6 +118,7 @@ def largest_stable(works: Callable[[float], bool], fails: float) -> float:
     if not works(low):
         return 0.0
     for _ in range(20):
+        # the geometric mean: the answer may lie orders of magnitude below
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if works(middle) else (low, middle)
     return low
@@ -173,6 +177,7 @@ def position_controller(
     gains = pd_gains(inertia, bandwidth)
     against_friction = np.pi * bandwidth * arm.viscous / DAMPING
     stiffness = np.maximum(gains.kp, against_friction)
+    # three digits, as a person would write them into a case
     kp, kd = (
         np.array([float(f"{x:.3g}") for x in gain]) for gain in (stiffness, gains.kd)
     )
@@ -217,21 +222,27 @@ def loop_inertia(
     postures = [posture, *([] if along is None else along)]
     masses = np.array([body.mass_matrix(q) for q in postures]) + np.diag(arm.armature)
     inverses = np.linalg.inv(masses)
+    # at the posture itself, which comes first
     own = np.diag(masses[0])
 
     def stiffest(inertia: np.ndarray) -> float:
+        # D^1/2 M^-1 D^1/2 is symmetric and has the eigenvalues of M^-1 D
         root = np.sqrt(inertia)
         return float(np.linalg.eigvalsh(root[:, None] * inverses * root).max())
 
     allowed = stiffest_mode(bandwidth, damping)
+    # the rotors and bodies themselves bear the loop: nothing is taken off
     if stiffest(own) <= allowed:
         return own
+    # the least over all postures
     free = 1.0 / np.diagonal(inverses, axis1=1, axis2=2).max(axis=0)
 
     def excess(log_c: float) -> float:
         return stiffest(np.minimum(own, np.exp(log_c) * free)) - allowed
 
+    # below, the trace c n is within what is allowed; above, all joints have their own
     lowest, highest = allowed / len(own), float((own / free).max())
+    # a little beyond both ends, where rounding would decide the sign
     c = np.exp(brentq(excess, np.log(0.99 * lowest), np.log(1.01 * highest)))
     return np.minimum(own, c * free)
 
@@ -249,6 +260,7 @@ def stiffest_mode(
     Raises:
         InputError: no inertia is stable at this bandwidth.
     """
+    # gains over an inertia: a mode of inertia 1 under gains times a factor
     kp, kd = pd_gains(np.ones(1), bandwidth, damping)
 
     def growth(log_factor: float) -> float:

@@ -56,6 +56,7 @@ class Randomisation:
 
     def __post_init__(self) -> None:
         """Check names and ranges; a name may stand alone."""
+        # frozen: a single name turns into a sequence before it is checked
         if isinstance(self.names, str):
             object.__setattr__(self, "names", (self.names,))
         check_values(vars(self), "environment", "randomisation", "randomisation.")
@@ -114,6 +115,7 @@ def draw_effects(
     )
     known = {other.name for other in given}
     drawn = tuple(applied for applied in drawn if applied.name not in known)
+    # with the effects, which may bring rotors or joints that need one
     return drawn + _rotors(arm, (*given, *drawn), scale)
 
 
@@ -137,6 +139,7 @@ def _draw_some(
             where="randomisation.joints",
         )
     count = int(rng.integers(wanted.count[0], wanted.count[1], endpoint=True))
+    # sorted, so that the draw does not depend on the order in which names were given
     names = [
         str(name)
         for name in rng.choice(sorted(set(wanted.names)), size=count, replace=False)
@@ -153,11 +156,13 @@ def _draw(
 ) -> AppliedEffect:
     """One effect of a severity drawn."""
     severity = float(rng.uniform(*wanted.severity))
+    # no more joints than there are
     low, high = (min(number, len(joints)) for number in wanted.joint_count)
     some = rng.choice(
         joints, size=int(rng.integers(low, high, endpoint=True)), replace=False
     )
     drawn = draw(name, rng, scale, some.tolist())
+    # the power is 1 of a size, -1 of a limit or stiffness, 0 of what is no size
     values = {
         p.name: np.clip(drawn.parameters[p.name] * severity**p.severity, *p.bounds)
         for p in drawn.effect.parameters
@@ -175,6 +180,7 @@ def _rotors(
         if isinstance(applied.effect, Transmission)
         for joint in applied.joints
     }
+    # what the data sheet has counts as well
     inertia = CorrectedArm(arm, effects).quantity("rotor")
     bare = tuple(joint for joint in sorted(flexible) if inertia[joint - 1] <= 0)
     if not bare:
@@ -204,6 +210,7 @@ class RandomiseEffects(gymnasium.Wrapper):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset with effects drawn anew; ``options`` go before."""
+        # what is asked for in this reset goes before
         return self.env.reset(
             seed=seed, options={"randomisation": self._randomisation} | (options or {})
         )

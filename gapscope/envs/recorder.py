@@ -93,6 +93,7 @@ def record(
         InputError: ``rate`` does not divide the controller's rate, or an effect cannot be simulated on this arm.
         GapscopeError: the simulated arm diverged; says why.
     """
+    # rates with decimals are whole multiples but for rounding
     every = round(controller.rate / rate)
     if abs(every * rate - controller.rate) > 1e-6 * rate:
         near = controller.rate / max(1, every)
@@ -101,12 +102,14 @@ def record(
             f"record at {near:g} Hz, or another whole part of the controller's rate",
             where="rate",
         )
+    # one that starts in motion cannot be held before its start
     rests = np.abs(reference.velocity(np.zeros(1))).max() < 1e-9
     first = round(SETTLE * controller.rate) if rests else 0
     ticks = np.arange(-first, round(duration * controller.rate) + 1)
     t = ticks / controller.rate
     # before t = 0 the reference rests at its start
     held = np.maximum(t, 0.0)
+    # at rest whatever acceleration the reference begins with
     ddq = np.where(ticks[:, None] < 0, 0.0, reference.acceleration(held))
     targets = Targets.of(
         arm, controller, reference.position(held), reference.velocity(held), ddq
@@ -133,6 +136,8 @@ def record(
         encoder_noise=encoder_noise,
         rng=rng,
     ) as simulated:
+        # the recording's zero of time is that of
+        # drift and forces: the rest lies before it
         simulated.start(targets.q[0], targets.dq[0], t[0])
         loop = closed_loop(
             simulated, targets, control, lambda _, at: filtered(at), steps
@@ -142,8 +147,10 @@ def record(
                 recent = targets.q[max(0, i - RECENT_TICKS) : i + 1][::-POSTURE_TICKS]
                 at_work, speed = simulated.effects, simulated.dq
                 raise _diverged(arm, at_work, controller, recent, speed, float(t[i]))
+            # the torque of this tick has been held: what arrived is told in its row
             if read_back:
                 tau[i] = simulated.applied
+            # at the first tick from that time on
             if i + 1 < len(t) and t[i] < change <= t[i + 1]:
                 simulated.become(following, t[i + 1])
     rows = np.arange(first, len(t), every)
@@ -182,6 +189,7 @@ def _diverged(
         controller.rate, controller.velocity_cutoff, controller.velocity_damping
     )
     loop = SampledLoop(controller, 1.0 / controller.rate, estimate)
+    # first without effects: gains that even the nominal arm does not bear are enough
     share = _stable_share(loop, CorrectedArm(arm), postures)
     if share < 1.0:
         lower = _lower(controller, share)
@@ -189,6 +197,7 @@ def _diverged(
     elif effects:
         true = CorrectedArm(arm, effects)
         names = ", ".join(dict.fromkeys(effect.name for effect in effects))
+        # the longest delay of any joint, taken for all: the loop has one
         delay = float(np.max(true.quantity("delay")))
         late = loop._replace(late=round(delay / loop.dt))
         share = _stable_share(late, true, postures)
@@ -197,6 +206,7 @@ def _diverged(
             if share < 1.0
             else f"the loop is stable without {names}: milder effects, or lower gains of the controller"
         )
+    # whatever the cause, a torque without bounds lets it grow
     if arm.torque_limit is None:
         causes.append("nothing limits the torque: give torque_limit in the data sheet")
     if arm.viscous[joint] == 0 and arm.armature[joint] == 0:
@@ -303,11 +313,13 @@ def record_case(
     body = RigidBody(arm)
     space, (lower, upper) = workspace(body), body.position_limits()
     motions = _motions(arm, plan, rng, space)
+    # a file has references of its own length
     durations = [
         motion.duration if isinstance(motion, Sampled) else plan.duration
         for motion in motions
     ]
     if isinstance(controller, str):
+        # gains are to be stable wherever the motions go
         along = [
             motion.position(np.arange(0.0, duration, POSTURE_PERIOD))
             for motion, duration in zip(motions, durations, strict=True)
@@ -342,6 +354,7 @@ def record_case(
                 ModelWarning,
                 stacklevel=2,
             )
+        # a joint that hardly carries anything has noise all the same
         spread = recording.tau.std(axis=0)
         noise = (
             plan.noise
@@ -374,6 +387,7 @@ def _motions(
         limits = space.limits
         slower = limits._replace(
             velocity=speed * limits.velocity,
+            # the same way in a longer time: acceleration goes with the square
             acceleration=speed**2 * limits.acceleration,
         )
         motions.append(

@@ -72,6 +72,8 @@ class Scene:
         self._draw_errors()
         self._draw_loads(self._panel(0.77, 0.1, 0.21, 0.32))
         self._draw_tool()
+        # scales start small and double: a panel
+        # that fits every picture would never rest
         self._spans, self._shown = [0.1, 0.1], [0.0, 0.0]
 
     def add(
@@ -98,6 +100,7 @@ class Scene:
             line.set_data(self._period * np.arange(now + 1), column)
         rows = zip(errors[-1].tolist(), self._load.tolist(), strict=True)
         for joint, (error, load) in enumerate(rows):
+            # a torque beyond the rated one fills the bar and stays a number beside it
             tip = min(max(load, -1.0), 1.0)
             self._bars[joint].set_data([0.0, tip], [joint, joint])
             self._rows[joint].set_text(f"{joint + 1}   {error:+.2f} mrad   {load:+.2f}")
@@ -107,8 +110,10 @@ class Scene:
         for line in (self._edge, self._arm):
             line.set_data(*self._flat(actual).T)
         self._tools.set_data(*self._flat(np.array([actual[-1], wanted[-1]])).T)
+        # the way of the tool up to where the reference is
         self._done.set_data(*self._flat(self._path[self._times <= now]).T)
         trail = range(max(0, now - TRAIL), now + 1)
+        # its offset from where it should have been at that time, not along the way
         offset = np.array(
             [skeleton(self._q[k])[-1] - skeleton(self._q_ref[k])[-1] for k in trail]
         )
@@ -136,6 +141,7 @@ class Scene:
                 spans[place] *= 2.0
         if self._shown == spans:
             return
+        # rare, as scales double: everything that stays is drawn again
         self._shown = spans.copy()
         self._error_panel.set_ylim(-spans[0], spans[0])
         self._tool_panel.set(xlim=(-spans[1], spans[1]), ylim=(-spans[1], spans[1]))
@@ -176,12 +182,14 @@ class Scene:
 
     def _draw_arm(self, axes: Axes) -> None:
         """Ground, way of the tool, ghost and arm, at a scale at which the whole motion fits."""
+        # fewer than actions of a long episode: a motion is drawn by so many points
         times = np.linspace(0, len(self._q_ref) - 1, PATH_POINTS).round().astype(int)
         self._times = np.unique(times)
         bones = np.array(
             [self._kinematics.skeleton(q) for q in self._q_ref[self._times]]
         )
         self._path = bones[:, -1]
+        # squares of the ground, which reaches about as far as the arm
         side = 0.7 * max(float(np.abs(bones).max()), 1e-3)
         for place in np.linspace(-side, side, 8):
             line = np.array([[place, -side, 0.0], [place, side, 0.0]])
@@ -195,6 +203,7 @@ class Scene:
         axes.plot(*self._flat(self._path).T, color=GHOST, linewidth=1.0)
         self._done = self._line(axes, WAY, 1.6)
         self._ghost = self._line(axes, GHOST, 24)
+        # drawn wider below: the edge of the arm
         self._edge = self._line(axes, INK, 17)
         self._arm = self._line(axes, ARM, 15, marker="o", markersize=6, mfc=INK, mew=0)
         self._tools = self._line(axes, ERROR, 2, marker=".")
@@ -258,6 +267,7 @@ class TerminalViewer:
         if time.monotonic() < self._due:
             return
         if self._console.is_terminal:
+            # the picture before is overwritten: back by its rows and the caption
             if self._due:
                 self._console.control(Control.move(0, -(TERMINAL_ROWS + 1)))
             self._console.print(_half_blocks(picture), end="")
@@ -314,6 +324,7 @@ class WindowViewer:
         self._image.set_data(picture)
         canvas = self._figure.canvas
         canvas.draw_idle()
+        # waits for what is left of the period, and lets the window live meanwhile
         canvas.start_event_loop(max(1e-3, self._due - time.monotonic()))
         self._due = time.monotonic() + self._period
 
@@ -371,6 +382,7 @@ class Screen:
             return
         scene.add(q, error, load, ending)
         if self._mode == "human":
+            # opened at the first picture: whoever asks for none needs no display
             if self._viewer is None:
                 self._viewer = open_viewer("Gapscope", self._period)
             self._viewer.show(scene.pixels(), scene.caption())

@@ -133,9 +133,11 @@ def _stretches(
     """Slices of a recording between its gaps and within a state, those of at least four samples, and the arm there."""
     gaps = np.flatnonzero(np.diff(recording.t) > GAP_STEPS / recording.rate) + 1
     for inside, corrected in whole.spans(recording.name, recording.t):
+        # repeated, so that a state of a single row has a first row and a last
         first, *_, last = np.flatnonzero(inside).repeat(2).tolist()
         cuts = [first, *(c for c in gaps.tolist() if first < c <= last), last + 1]
         for a, b in itertools.pairwise(cuts):
+            # a spline of third order needs four
             if b - a >= 4:
                 yield slice(a, b), corrected
 
@@ -168,6 +170,8 @@ def _tracked(
     reference = Motion(ticks, commands.q, commands.dq, commands.ddq)
     start, first = part.q[0], commands.at(0)
     recorded = None if part.dq is None else part.dq[0]
+    # with the rule by which its recorded velocity
+    # says that the controller differentiates
     velocity = VelocityFilter(
         controller.rate,
         controller.velocity_cutoff,
@@ -178,6 +182,7 @@ def _tracked(
         recorded,
     )
     control = ControlLoop(controller, corrected.arm)
+    # what an integrator holds is not recorded, but the torque that it leaves shows it
     if controller.integrator is not None and recording.tau is not None:
         held = integral_at_start(part, controller, commands)
         control.integral = controller.integrator.bounded(held)
@@ -192,6 +197,7 @@ def _tracked(
     dt = 1.0 / (controller.rate * steps)
     network = None
     if corrected.residual is not None:
+        # the reference is at ticks here, so that each tick is an action of the network
         network = NetworkTorque(corrected, reference, 1, recording.payload)
     with _simulated(corrected, recording, dt, engine) as simulated:
         simulated.start(start, first.dq, ticks[0])
@@ -218,9 +224,11 @@ def _driven(
     # measured positions through a zero-phase low-pass
     cutoff = min(CUTOFF, 0.4 * recording.rate)
     sos = butter(2, cutoff, output="sos", fs=recording.rate)
+    # the padding has to be shorter than the stretch
     padding = min(len(t) - 1, int(3 * recording.rate / cutoff))
     smooth: np.ndarray = sosfiltfilt(sos, recording.q[rows], axis=0, padlen=padding)
     speed = make_interp_spline(t, smooth, k=3)(t, 1)
+    # the recorded torque holds what the network stands for, the arm does not
     applied = tau
     if corrected.residual is not None:
         spline = make_interp_spline(t, smooth, k=5)
@@ -229,14 +237,17 @@ def _driven(
         load = replace(corrected, residual=None).predict(body, motion)
         applied = tau - corrected.residual.torque(motion, load)
     q = np.empty_like(tau)
+    # a whole number of steps for a row, none longer than rigid bodies are stepped
     dt = period / max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     count = max(2, round(HORIZON / period))
     with _simulated(corrected, recording, dt, engine) as simulated:
         for first in range(0, len(t), count):
             window = slice(first, min(first + count, len(t)))
+            # one step beyond the last row, which so lies between two
             grid = np.arange(t[window][0], t[window][-1] + dt, dt)
             torque = between(t, applied, grid)
             positions = np.empty((len(grid), tau.shape[1]))
+            # back to what was measured: errors grow no longer than a horizon
             simulated.start(smooth[first], speed[first], grid[0])
             for i, held in enumerate(torque):
                 positions[i] = simulated.encoders()

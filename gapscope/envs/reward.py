@@ -59,6 +59,7 @@ class Reward:
             load: mean of (tau / tau_rated)^2 over joints and steps [1], a number or shape (N,).
             jump: change of the action [1], shape (n,) or (N, ...).
         """
+        # mean of squares over n joints against the square of the tolerance
         scale = error.shape[-1] * self.tolerance**2
         tracking = 1.0 / (1.0 + np.vecdot(error, error) / scale)
         squares = np.vecdot(jump, jump)

@@ -77,6 +77,7 @@ class ArmsTogether:
         engine: str | None = "mujoco",
     ) -> None:
         self._h, self._parts = first.h, first.parts
+        # a single arm may be on PyBullet, which knows neither
         several = {"count": count, "threads": threads} if count > 1 else {}
         self._bodies = make_bodies(engine, first.body, first.h, **several)
         self._step = RigidStep(self._bodies, self._h)
@@ -97,6 +98,7 @@ class ArmsTogether:
 
     def put(self, number: int, drive: ArmDrive) -> None:
         """Give an arm, numbered from 0, other effects; ``reset`` has to follow."""
+        # bodies that were and stay the nominal ones need not be written again
         if drive.altered or self._drives[number].altered:
             self._bodies.set_bodies(number, drive.body)
         self._friction.put(number, drive.friction)
@@ -107,6 +109,7 @@ class ArmsTogether:
     def _enter(self, number: int, drive: ArmDrive) -> None:
         """Take over what follows from the effects of an arm."""
         self._step.put(number, drive)
+        # one arm with friction takes all of them through the drive's step
         self._direct = all(drive.direct for drive in self._drives)
         self._loaded = [i for i, one in enumerate(self._drives) if one.loads.present]
 
@@ -119,7 +122,9 @@ class ArmsTogether:
         """
         n, friction = len(q), self._friction
         rows = slice(number * n, (number + 1) * n)
+        # arms begin at different steps of one count
         self._start[rows], self._begun[rows] = time, self._count
+        # whatever was due, drift is looked at in the next step
         self._drifts_at = self._count
         self._bodies.reset(number, q, dq)
         if friction.drifting:
@@ -154,6 +159,8 @@ class ArmsTogether:
             for _ in range(START_TRIALS):
                 load = self.weight(number, q[body.order], still, time)
                 deflection = self.motors.deflection(load)[body.places]
+                # half of the way: where the weight changes
+                # with the link, the whole may swing
                 q = 0.5 * q + 0.5 * (seen - deflection)
         self.reset(number, q[body.order], dq[body.order], time)
 
@@ -166,6 +173,7 @@ class ArmsTogether:
         held = drive.body.bias(q[places], dq[places])[order]
         if not drive.loads.present:
             return held
+        # what a spring or a force carries, the motors need not
         return held - drive.loads(time, q, dq, held)
 
     @property
@@ -177,12 +185,15 @@ class ArmsTogether:
         """Hold the commanded torque [N m], shape (N n,), which is not to be changed then, for so many time steps."""
         path, friction = self._path, self._friction
         count = steps * self._parts
+        # a held command gives one torque for all steps
         if path.constant:
             self.applied = path(torque)
+            # the engine makes all steps on its own
             if self._direct:
                 self._bodies.run(self.applied, count)
                 self._count += count
                 return
+            # friction by load follows the torque that arrives
             friction.load(self.applied)
         for step in range(count):
             if not path.constant:
@@ -222,6 +233,7 @@ class ArmsTogether:
             motors.follow(self.q, self.dq)
             return
         if self._loaded:
+            # what has arrived is told without what acts beside it
             torque = torque.copy()
             for number in self._loaded:
                 n = self._shape[1]
@@ -246,6 +258,7 @@ class ArmsTogether:
             return
         steps, every = self._count - self._begun, self._friction.every
         since = steps % every
+        # when the first of the arms is due again
         self._drifts_at = self._count + every - int(since.max())
         self._friction.drift(self._start + steps * self._h, where=since == 0)
         self._step.set_viscous(self._viscous())
@@ -306,12 +319,14 @@ class SimulatedArms:
         self._engine, self._together = engine, together
         self.effects = [effects] * count
         own = 1 if together else count
+        # a drive has a state, as of its motors: no two simulators share one
         drives = [self._drive(effects) for _ in range(own)]
         each = count // own, threads, engine
         self.simulators = [ArmsTogether(drive, *each) for drive in drives]
         self._single = own == 1
         self.drives = drives * each[0]
         first = arm.n_joints * np.arange(count)[:, None]
+        # places of the joints of all arms in the rows of the engine, and back
         order, places = self.nominal.order, self.nominal.places
         self._order, self._places = (first + order).ravel(), (first + places).ravel()
         self._ordered = bool((order == np.arange(arm.n_joints)).all())
@@ -348,12 +363,14 @@ class SimulatedArms:
         Raises:
             InputError: they cannot be simulated, or not together with the other arms.
         """
+        # the very same record, as at most resets: nothing is built anew
         if effects is self.effects[number]:
             return
         drive = self._drive(effects)
         if self._together:
             self.simulators[0].put(number, drive)
         else:
+            # made first: if that fails, the one before still stands
             made = ArmsTogether(drive, engine=self._engine)
             self.simulators[number].close()
             self.simulators[number] = made
@@ -364,6 +381,7 @@ class SimulatedArms:
 
     def draw_noise_from(self, number: int, rng: np.random.Generator | None) -> None:
         """Give the encoders of an arm, numbered from 0, a source of noise."""
+        # without noise nothing is drawn at a reading
         self._rngs[number] = rng if np.any(self._noise) else None
         self._noisy = any(one is not None for one in self._rngs)
 
@@ -396,6 +414,7 @@ class SimulatedArms:
         rows = inside.reshape(len(self.simulators), -1)
         for simulator, row in zip(self.simulators, rows, strict=True):
             simulator.hold(row, steps)
+        # put together from several simulators, they are other arrays after each step
         self._take()
 
     def inside(self, name: str) -> np.ndarray:
@@ -499,6 +518,7 @@ class SimulatedArm:
 
     def become(self, effects: tuple[AppliedEffect, ...], time: float) -> None:
         """Have other effects from a time [s] on: position and velocity continue, states of effects are forgotten."""
+        # the true state, not what the encoders make of it
         q, dq = self.q, self.dq
         self._arms.put(0, effects)
         self.reset(q, dq, time)
@@ -570,6 +590,8 @@ def closed_loop(
     for number, now in enumerate(followed):
         q = simulated.encoders()
         dq = velocity(now, q)
+        # the commander knows nothing of the network:
+        # its torque is given as it was commanded
         torque = felt = control(now, q, dq)
         if network is not None:
             network.see(number, q, dq)
@@ -602,10 +624,12 @@ class NetworkTorque:
     ) -> None:
         assert corrected.residual is not None
         self._residual = corrected.residual
+        # what the arm needs without its network, which is told to the network
         load = replace(corrected, residual=None).predict(
             RigidBody(corrected.arm).carrying(payload), motion
         )
         last = len(motion.t) - 1
+        # the last step is among them, so that the lines end there
         spaced = np.append(np.arange(0, last, SPACING), last)
         windows = self._residual.inputs.windows(motion, load, spaced)
         said = self._residual.of_windows(windows).torque
@@ -616,6 +640,7 @@ class NetworkTorque:
         )
         self._load, self._ddq = load[rows], coarse.ddq
         self._rate = coarse.rate
+        # at the same coarse samples as the measured motion: their error cancels
         self._on_reference = self._residual.torque(coarse, self._load)
         # what is not yet measured is never looked at
         self._seen = channels(coarse, self._load)
@@ -625,10 +650,12 @@ class NetworkTorque:
     def see(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
         """Take note of position [rad] and velocity [rad/s], each (n,), before an action, numbered from 0."""
         load, ddq = self._load[number], self._ddq[number]
+        # the arm begins where it was measured, not where the reference begins
         if number == 0:
             self._memory = Memory(q)
         memory = self._memory.advance(q, load, 1.0 / self._rate)
         now = channels_with(memory[:, None], q[None], dq[None], ddq[None], load[None])
+        # windows that end here hold what was measured at the actions before
         self._seen[:, number] = now[:, 0]
         windows = self._residual.inputs.windows_of(
             self._seen, self._rate, np.array([number])

@@ -113,9 +113,11 @@ def meaning_of(name: str, context: str = "") -> Meaning:
 
 def words_of(name: str) -> set[str]:
     """Words of a name, lower case, in the singular: PositionCmptd1 and position_cmptd have the same two."""
+    # PositionCmptd1 at its capitals; what stands in braces is no word
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", re.sub(r"\{\w+\}", " ", name))
     words = re.findall("[a-z]+", spaced.lower())
     singular = (re.sub("ies$", "y", word) for word in words)
+    # pos, status and class are no plurals
     return {re.sub("(?<=..[^us])s$", "", word) for word in singular}
 
 
@@ -148,10 +150,12 @@ def position_unit(name: str, positions: np.ndarray, moved: float | None) -> Gues
         positions: as they are in the log.
         moved: velocity over derivative of the position [1], if a velocity is there.
     """
+    # what is written goes before what values suggest
     said = _said(name, ANGLES)
     if said:
         return said, "its name says so"
     reach = float(np.nanmax(np.abs(positions)))
+    # up to a turn and a little, as nearly all arms move
     if reach <= FARTHEST:
         return "rad", f"it reaches {reach:.3g}, less than a turn"
     if reach <= 100.0 and "observation" in words_of(name):
@@ -159,6 +163,7 @@ def position_unit(name: str, positions: np.ndarray, moved: float | None) -> Gues
         return "deg", f"it reaches {reach:.3g}: {why}"
     if reach <= 400.0:
         return "deg", f"it reaches {reach:.3g}, more than a turn in radians"
+    # whole numbers within a turn of a servo's encoder
     if reach < STEPS_PER_TURN and not (positions % 1).any():
         return (
             "step",
@@ -184,6 +189,7 @@ def velocity_unit(name: str, angle: str, moved: float | None) -> Guess:
     same = {"rad": "rad/s", "deg": "deg/s", "rev": "rpm", "step": "step/s"}[angle]
     if moved is None:
         return same, "taken as that of the position; it does not follow its derivative"
+    # the unit in which the velocity is the derivative of the position
     fitting = {unit: abs(moved * UNITS[unit] / UNITS[angle] - 1) for unit in SPEEDS}
     best = min(fitting, key=lambda unit: fitting[unit])
     if fitting[best] < ALIKE:
@@ -204,6 +210,7 @@ def derivative_ratio(
         positions, velocities: (N, n), in any unit.
     """
     width = min(positions.shape[1], velocities.shape[1])
+    # central differences are neither early nor late against the velocity
     span = t[2:] - t[:-2]
     usable = span > 0
     ratios = []
@@ -214,6 +221,8 @@ def derivative_ratio(
         slope, speed = slope[numbers], speed[numbers]
         power = float(slope @ slope)
         scale = np.sqrt(power * float(speed @ speed))
+        # joint by joint: one that rests, or a
+        # channel that is something else, has no say
         if scale > 0 and abs(float(slope @ speed)) / scale > 0.9:
             ratios.append(float(slope @ speed) / power)
     return float(np.median(ratios)) if ratios else None
@@ -224,6 +233,7 @@ def _said(name: str, units: tuple[str, ...]) -> str | None:
     words = words_of(name)
     degrees = words & {"deg", "degree"}
     for unit in units:
+        # a name says rad for rad/s: its words have no slash
         base = unit.split("/")[0]
         if base in words or (base == "deg" and degrees):
             return unit
@@ -331,8 +341,10 @@ def _signed(group: ColumnGroup) -> ColumnGroup:
     values = group.values
     if not np.isfinite(values).all() or (values < 0).any() or (values % 1).any():
         return group
+    # a sign that is read as magnitude makes a leap at each passage of zero
     rough = np.abs(np.diff(values, axis=0)).sum()
     for bit in SIGN_BITS:
+        # the highest bit that is set is the sign's
         if 2**bit <= values.max(initial=0) < 2 ** (bit + 1):
             read = with_sign(values, bit)
             if np.abs(np.diff(read, axis=0)).sum() < SMOOTHER * rough:
@@ -355,6 +367,7 @@ def _patterns(names: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str
     for name, read in readings.items():
         # the pattern that most columns share; the first of several
         pattern, label = max(read, key=lambda r: counts[r[0]], default=("", ""))
+        # single columns count as one joint if they carry its name
         if counts[pattern] > 1 or label in joints:
             found.setdefault(pattern, {})[label] = name
     # columns that are numbered in their order, others in the file's
@@ -372,6 +385,7 @@ def _readings(name: str, joints: Sequence[str]) -> list[tuple[str, str]]:
     for joint in sorted(joints, key=len, reverse=True):
         if joint in name:
             return [(name.replace(joint, "{joint}", 1), joint)]
+    # position[joint_1.x]: what stands before the dot is the joint
     field = _FIELD.match(name)
     if field and meaning_of(field["field"]).quantity:
         start, end = field.span("label")
@@ -454,10 +468,12 @@ def guess_time(columns: TableColumns, rows: np.ndarray, context: str) -> TimeGue
     named = [name for name in singles if meaning_of(name).quantity == "time"]
     rising = [name for name in singles if runs_forward(singles[name])]
     counted = None
+    # what is called time and rises, what is called so, what only rises
     for name in [*(n for n in named if n in rising), *named, *rising]:
         stamps = singles[name]
         if not np.isfinite(stamps).all():
             continue
+        # numbers of rows tell no rate: look for it elsewhere
         if counts_rows(stamps):
             counted = name
             break
@@ -482,6 +498,7 @@ def guess_time(columns: TableColumns, rows: np.ndarray, context: str) -> TimeGue
     for group in columns.groups:
         meaning = group.meaning(context)
         if not meaning.reference:
+            # the first group of each quantity that was measured
             motion.setdefault(meaning.quantity, group.values)
     what = "the column counts rows" if counted else "there is no column of time"
     rate, found = FALLBACK_RATE, None
@@ -493,6 +510,7 @@ def guess_time(columns: TableColumns, rows: np.ndarray, context: str) -> TimeGue
     if found is not None and certain:
         rate = float(f"{found:.4g}")
         nearest = min(USUAL_RATES, key=lambda usual: abs(np.log(usual / rate)))
+        # a rate in use, if it is near one: the rest is noise of the derivative
         if abs(nearest / found - 1) < 0.03:
             rate = float(nearest)
         why = (
@@ -577,6 +595,7 @@ def channels_of_table(
     """
     by_pattern = {group.pattern: group for group in columns.groups}
     found = []
+    # the vendor's word first: what columns mean is then known
     for channel, places in ({} if layout is None else layout.places).items():
         for place in places:
             group = by_pattern.get(place.column)
@@ -586,10 +605,13 @@ def channels_of_table(
     taken = {guess.group.pattern for guess in found}
     for group in columns.groups:
         channel, role = _channel(group.meaning(context))
+        # what the layout has taken is no other channel
         if channel and group.pattern not in taken:
             why = group.seen or BY_NAME
             found.append(ChannelGuess(channel, group, "", why, role))
+    # reversed: the first of each channel stays
     first = {guess.channel: guess.group for guess in reversed(found)}
+    # references alone say the unit of positions as well
     positions = first.get("q", first.get("q_ref"))
 
     def ratio(
@@ -613,6 +635,7 @@ def channels_of_table(
         if guess.channel in ("q", "q_ref"):
             unit, reason = angle, angle_why
         elif guess.channel in ("dq", "dq_ref"):
+            # velocity of the reference against the reference, if it is there
             moved = ratio(first.get(guess.channel[1:], first.get("q")), guess.group)
             unit, reason = velocity_unit(guess.group.pattern, angle, moved)
         elif guess.role in AMPERES:
@@ -621,6 +644,7 @@ def channels_of_table(
         said = "" if reason and guess.why == BY_NAME else guess.why
         return replace(guess, unit=unit, why="; ".join(filter(None, (said, reason))))
 
+    # torques by their use; all else stays as it was found
     order = {role: rank + 1 for rank, role in enumerate(TORQUE_ORDER)}
     return sorted(map(with_unit, found), key=lambda guess: order.get(guess.role, 0))
 
@@ -707,6 +731,7 @@ def columns_by_values(
         context: name of the file and the topic, which say what a block that is alone holds.
     """
     named = sorted_columns(table, () if arm is None else arm.joints)
+    # names that do tell go before values
     groups = [group for group in named.groups if meaning_of(group.pattern).quantity]
     taken = {name for group in groups for name in group.names}
     singles = {}
@@ -714,9 +739,11 @@ def columns_by_values(
         quantity = meaning_of(name).quantity
         if quantity == "time":
             singles[name] = x
+        # an arm of one joint has no number in its names
         elif quantity and (arm is None or arm.n_joints == 1):
             groups.append(ColumnGroup(name, ("1",), (name,), x[:, None], BY_NAME))
             taken.add(name)
+    # positions by name: values need not be asked
     if any(meaning_of(group.pattern).quantity == "position" for group in groups):
         return TableColumns(tuple(groups), singles)
     silent = {
@@ -737,8 +764,10 @@ def columns_by_values(
         # the time tells where rows are missing in the file itself
         first = next(x for name, x in singles.items() if name in silent)
         step = np.diff(first[:ROWS])
+        # a step of two where rows are missing: no difference is taken over it
         rows = np.cumsum(np.r_[0, np.where(step > LOST * np.median(step), 2, 1)])
     values, rows = values[sound], rows[sound]
+    # too few rows for a comparison over SPAN
     few = len(values) <= 2 * SPAN
     for block in () if few else _Blocks(values, rows, arm).told(context):
         groups.append(block.group(columns))
@@ -778,6 +807,8 @@ class _Blocks:
         self.still = np.ptp(values, axis=0) == 0
         # no rows are lost between
         self.next = np.diff(rows) == 1
+        # gain over SPAN rows against the sum of
+        # each column in between, all pairs at once
         whole = rows[SPAN:] - rows[:-SPAN] == SPAN
         gain = (values[SPAN:] - values[:-SPAN])[whole]
         middle = 0.5 * (values[1:] + values[:-1])
@@ -821,6 +852,7 @@ class _Blocks:
             own = self.count // stride
             every = [place for place in blocks if place < own * stride]
             return own, tuple(sorted(every, key=lambda place: place % stride))
+        # a derivative so far away that a whole arm fits in between
         if n and span <= n <= distance:
             return n, blocks
         if not distance:
@@ -835,6 +867,7 @@ class _Blocks:
         """
         best, members = 0, np.flatnonzero(np.zeros(0))
         for distance in range(1, self.count):
+            # before or after: either may come first in the file
             for k in (distance, -distance):
                 own = np.flatnonzero(np.diagonal(self.cosine, k) > FOLLOWS)
                 if len(own) > len(members):
@@ -857,6 +890,8 @@ class _Blocks:
         if n > self.count:
             return 0, blocks
         stride = self.count // n
+        # of two orders the one with the smoother
+        # block: positions of all joints together
         turned = tuple(sorted(range(n * stride), key=lambda place: place % stride))
         if self.count % n or stride == 1:
             return n, blocks
@@ -869,6 +904,7 @@ class _Blocks:
 
     def _smooth_run(self) -> int:
         """Joints of a log without velocities: up to the references, or as many as there are smooth columns in a row."""
+        # as many columns as look like the first: references of the same joints
         for n in range(1, self.count // 2 + 1):
             if self._like(tuple(range(n)), tuple(range(n, 2 * n))):
                 return n
@@ -876,6 +912,7 @@ class _Blocks:
         ranked = np.sort(rough)
         if self.count < 2:
             return self.count
+        # the widest leap of roughness parts positions from all that is noisier
         leap = int(np.argmax(np.diff(ranked)))
         smooth = np.flatnonzero(rough <= ranked[leap])
         together = smooth[-1] - smooth[0] + 1 == len(smooth)
@@ -890,6 +927,7 @@ class _Blocks:
 
     def _windows(self, n: int, order: tuple[int, ...]) -> list[tuple[int, ...]]:
         """Every n columns that may be a block."""
+        # joint after joint blocks stand n apart, else a block may begin anywhere
         step = 1 if order == tuple(range(self.count)) else n
         return [order[s : s + n] for s in range(0, len(order) - n + 1, step)]
 
@@ -912,12 +950,15 @@ class _Blocks:
                 if 2 * alike.sum() >= moving.sum():
                     cosine = float(np.median(self.cosine[one, other][follows]))
                     strange = int((moving & ~follows).sum())
+                    # most joints alike, fewest that do not
+                    # follow, then how well they follow
                     rank = (-int(alike.sum()), strange, -cosine)
                     scored.append((rank, one, other))
         taken: list[tuple[int, ...]] = []
         pairs = []
         for _, one, other in sorted(scored):
             news = [window for window in (one, other) if window not in taken]
+            # blocks share no column, unless they are the same
             if any(set(window) & set(old) for window in news for old in taken):
                 continue
             taken += news
@@ -928,6 +969,7 @@ class _Blocks:
         self, pairs: Sequence[tuple[tuple[int, ...], tuple[int, ...]]]
     ) -> list[_Block]:
         """Positions, velocities and accelerations of measured motion and of references."""
+        # a derivative of another block is no position
         derivatives = {other for _, other in pairs}
         positions = list(
             dict.fromkeys(one for one, _ in pairs if one not in derivatives)
@@ -950,6 +992,7 @@ class _Blocks:
                 why = "follows the derivative of the reference"
                 found.append(_Block("reference velocity", other, why))
                 own.append(other)
+        # what follows a velocity is an acceleration, known blocks first
         known = {block.places for block in found}
         for one, other in pairs:
             if one in known and one not in positions and other not in known:
@@ -980,6 +1023,7 @@ class _Blocks:
         size = y.std(axis=0) / x.std(axis=0)
         x, y = x - x.mean(axis=0), y - y.mean(axis=0)
         cosine = (x * y).mean(axis=0) / (x.std(axis=0) * y.std(axis=0))
+        # of the same size within a factor of two: a scaled copy is something else
         return bool(np.median(cosine) > SAME and np.abs(np.log(size)).max() < np.log(2))
 
     def _reference_first(
@@ -989,6 +1033,7 @@ class _Blocks:
         steps = [
             np.diff(self.values[:, list(window)], axis=0) for window in (one, other)
         ]
+        # set points are held over several rows, encoders hardly ever
         held = [float((step == 0).mean()) for step in steps]
         if abs(held[0] - held[1]) > HELD:
             why = "like what was measured, and held between set points"
@@ -1004,6 +1049,7 @@ class _Blocks:
             error = self.values[:, b] - self.values[:, a]
             error, slope = error - error.mean(), slope - slope.mean()
             if (slope @ slope) > 0:
+                # late by d rows: the error is -d times the slope
                 lags.append(-float(error @ slope) / float(slope @ slope))
         ahead = bool(lags) and float(np.median(lags)) > 0
         return ahead, "like what was measured, and ahead of it"
@@ -1013,9 +1059,11 @@ class _Blocks:
         if self.arm is None or len(window) != self.arm.n_joints:
             return False
         lower, upper = RigidBody(self.arm).position_limits()
+        # limits that are infinite need no margin
         wide = BEYOND * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
         x = self.values[:, list(window)]
         low, high = x.min(axis=0), x.max(axis=0)
+        # in any unit of positions: which one is asked later
         return any(
             bool(((low * f >= lower - wide) & (high * f <= upper + wide)).all())
             for f in (UNITS[unit] for unit in ANGLES)
@@ -1029,6 +1077,7 @@ class _Blocks:
         possible = inside or moving
         if not possible:
             return []
+        # the roughest joint of a block decides: all of them are positions
         best = min(possible, key=lambda w: float(rough[list(w)].max()))
         why = "the smoothest columns"
         if inside:
@@ -1048,6 +1097,7 @@ class _Blocks:
     ) -> list[_Block]:
         """Blocks beside those that are known: references, temperatures, and possible torques, the likeliest first."""
         starts = sorted(order.index(block.places[0]) for block in found)
+        # blocks fill what lies between those that are known
         edges = [-n, *starts, len(order)]
         windows: list[tuple[int, ...]] = []
         for before, after in pairwise(edges):
@@ -1070,6 +1120,8 @@ class _Blocks:
             q, y = self.values[:, p], self.values[SPAN:-SPAN, w]
             speed = (q[2 * SPAN :] - q[: -2 * SPAN]) / 2
             bend = q[2 * SPAN :] - 2 * q[SPAN:-SPAN] + q[: -2 * SPAN]
+            # what its own joint's motion explains: a
+            # constant, place, speed, its sign, acceleration
             own = (np.ones_like(y), q[SPAN:-SPAN], speed, np.sign(speed), bend)
             columns = np.column_stack(own)
             left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]

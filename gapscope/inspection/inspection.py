@@ -96,6 +96,7 @@ class InspectedTable:
     @property
     def shape(self) -> tuple[object, ...]:
         """What tables of several logs of one kind share: topic, and the columns taken for each channel."""
+        # reversed, so that the first of each channel is the one that stays
         first = {guess.channel: guess.group for guess in reversed(self.channels)}
         taken = ((name, group.pattern, group.labels) for name, group in first.items())
         return (self.part.name, *sorted(taken))
@@ -109,6 +110,7 @@ class InspectedTable:
         groups = [guess.group for guess in self.channels if guess.channel == "q"]
         every = [name for group in groups for name in group.names]
         beside = [name for name in every if name not in taken]
+        # all of them taken, or too few for another arm: nothing to say
         if len(beside) < n_joints or len(beside) == len(every):
             return ""
         return f"{beside[0]} to {beside[-1]} are positions, too, as of another arm"
@@ -131,6 +133,7 @@ def inspect_table(
         named_by_file: whether the names of file and topic say what columns hold whose own names are silent.
         by_values: whether the values of columns say so, as they do for lack of names.
     """
+    # broken rows first: a single text would make one of a column
     part = without_damage(part)
     context = f"{log.path.stem} {part.name}" if named_by_file else ""
     if by_values or part.unnamed:
@@ -156,20 +159,24 @@ def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
     if not usable(values):
         return ["it holds cells that are no numbers, or beyond any torque"]
     silent = np.ptp(values, axis=0) == 0
+    # nothing else can be said of a column that is silent on all joints
     if silent.all():
         return [f"it is {values[0, 0]:g} throughout: nothing was measured"]
     facts = []
     if silent.any():
         numbers = ", ".join(str(j + 1) for j in np.flatnonzero(silent))
         facts.append(f"it never changes on joint {numbers}")
+    # gravity holds a joint on one side, but not all joints and always
     if (values >= 0).all():
         facts.append("it is never negative: a magnitude, whose sign is lost")
     facts += _multiples(torque, table.channels)
     first = {guess.channel: guess for guess in reversed(table.channels)}
+    # this column as the torque, whatever else was taken for it
     recording = _as_recorded(table, [*first.values(), replace(torque, channel="tau")])
     if recording is None or recording.tau is None:
         return facts
     facts += step_notes(recording)
+    # velocities that were not recorded count as zero: the law is asked for with both
     nothing = np.zeros_like(recording.q)
     known = {"dq": recording.dq, "dq_ref": recording.dq_ref}
     rates: dict[str, Any] = {
@@ -193,7 +200,9 @@ def _multiples(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator
         if other is torque or source.shape != values.shape or not usable(source):
             continue
         power = (source**2).sum(axis=0)
+        # least squares joint by joint: y = f x, f = x y / x x
         factors = (values * source).sum(axis=0) / np.where(power > 0, power, np.nan)
+        # so written that a joint without power, whose factor is none, is no multiple
         if (rms(values - factors * source) <= EXACT * values.std(axis=0)).all():
             listed = ", ".join(f"{factor:.4g}" for factor in factors)
             same = np.allclose(factors, 1.0, atol=EXACT)
@@ -224,6 +233,7 @@ def _as_recorded(
         return None
     q, t = series["q"], table.time.seconds
     rows = np.isfinite(q).all(axis=1)
+    # time that runs on: rows that do not pass the latest so far are left out
     rows &= np.diff(np.maximum.accumulate(t), prepend=-np.inf) > 0
     whole: dict[str, Any] = {
         name: x[rows]
@@ -256,6 +266,7 @@ def oddities_of(
         yield odd(said, "split the log there, or sort its rows")
     for note in repeated_rows(time.seconds, {})[1]:
         yield odd(note)
+    # one of each: what is said of a channel is said once
     by_name = {guess.channel: guess.group for guess in channels}
     for group in by_name.values():
         missing = int((~np.isfinite(group.values)).sum())
@@ -301,6 +312,7 @@ def _copies(by_name: Mapping[str, ColumnGroup]) -> Iterator[tuple[str, str]]:
     }
     for name in ("q", "dq"):
         one, other = by_name.get(name), by_name.get(f"{name}_ref")
+        # where the arm stands a copy says nothing
         if one is None or other is None or not moving[name]:
             continue
         if np.array_equal(one.values, other.values):
@@ -309,6 +321,7 @@ def _copies(by_name: Mapping[str, ColumnGroup]) -> Iterator[tuple[str, str]]:
                 "a copied reference says nothing of the arm; leave it out (null)",
             )
     for position, velocity in (("q", "dq"), ("q_ref", "dq_ref")):
+        # a velocity that is missing is none that stands
         if moving.get(position) and not moving.get(velocity, True):
             yield (
                 f"{by_name[velocity].pattern} never changes while {by_name[position].pattern} moves",
@@ -371,6 +384,7 @@ class Inspection:
     def chosen(self) -> dict[str, tuple[str, ChannelGuess]]:
         """Columns taken for each channel, by its name, and the label of the table that holds them."""
         found: dict[str, tuple[str, ChannelGuess]] = {}
+        # the table with the positions comes first, so that its columns go before others
         for label, table in self.sources.items():
             for channel in CHANNELS:
                 guess = table.best(channel)
@@ -413,6 +427,8 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
             for log in logs
             for part in log.tables
         ]
+        # the names of files, then those of columns
+        # alone, then values: the first that tell
         if any(table.best("q") is not None for table in every):
             break
     tables = [table for table in every if table.channels]
@@ -442,6 +458,7 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     sources, notes = _side_by_side(main, others)
     if times:
         sources[TIME] = times
+    # one entry for each recording, with a table of each kind
     entries = [
         {label: kind[number] for label, kind in sources.items()}
         for number in range(len(main))
@@ -458,6 +475,7 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     notes = [*_notes(logs, tables), *notes]
     result = Inspection(tuple(logs), tuple(tables), tuple(entries))
     if arm is not None:
+        # an arm may have more joints than the log: positions say which
         group = result.chosen["q"][1].group
         arm = _arm_of_columns(arm, group)
         notes += _other_columns(main[0], group, arm)
@@ -472,6 +490,7 @@ def _times(
         return []
     times = [table for table in tables if table.time.column and table.time.unit]
     rows = [len(table.part) for table in main]
+    # a single file of stamps beside several recordings is nobody's
     return times if [len(table.part) for table in times] == rows else []
 
 
@@ -484,6 +503,7 @@ def _side_by_side(
     for kind in others:
         own = {guess.channel for guess in kind[0].channels}
         news = [name for name in CHANNELS if name in own - taken]
+        # as many as there are recordings, or it is not known which belongs to which
         if news and len(kind) != len(main):
             said = (
                 f"holds {', '.join(news)}, but there are {len(kind)} of its kind beside {len(main)} with positions: "
@@ -518,6 +538,7 @@ def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> Iterator[Re
 def _arm_of_columns(arm: NominalArm, group: ColumnGroup) -> NominalArm:
     """The arm with those of its joints that a log has: by name, or the first if it has fewer and names none."""
     named = [joint for joint in arm.joints if joint in group.labels]
+    # by name, else the first: the joints of a gripper come last
     kept = named or list(arm.joints[: group.width])
     if len(kept) == arm.n_joints:
         return arm
@@ -556,6 +577,7 @@ def told_load(table: InspectedTable, arm: NominalArm) -> tuple[KnownLoad, str] |
             continue
         values = np.column_stack([columns[name] for name in names]).astype(float)
         mass, centre = float(values[0, 0]), values[0, 1:]
+        # a load of no mass, or one that changes within the recording, is no known load
         if not mass > 0 or np.ptp(values, axis=0).any():
             continue
         why = f"told to the robot ({place['mass']}, {place['com']}), its centre in "
@@ -565,6 +587,8 @@ def told_load(table: InspectedTable, arm: NominalArm) -> tuple[KnownLoad, str] |
             if frame.joint == arm.joints[-1]
             and frame.name.endswith(tuple(place["frames"]))
         ]
+        # the log gives the centre in a named link,
+        # a case in the frame of the last joint
         if frames:
             centre = frames[0].position + frames[0].rotation @ centre
             why += f"the frame of {frames[0].name}"
@@ -619,6 +643,7 @@ def _robot(found: Inspection, robot: str | None) -> Iterator[str]:
     yield f"robot: {flow(robot)}"
     assert found.arm is not None
     listed = flow(list(found.arm.joints))
+    # the joints of the whole file in its order need not be said
     if list(found.arm.joints) == actuated_joints(read_description(found.arm.urdf)):
         yield f"# joints: {listed}  # the order of the columns, if it is another"
     else:
@@ -637,10 +662,12 @@ def _recordings(found: Inspection, folder: Path) -> Iterator[str]:
     for entry in found.entries:
         paths = {label: relative(table) for label, table in entry.items()}
         first, *others = paths.values()
+        # side by side within one log: its path alone names all of them
         alone = all(path == first for path in others)
         yield f"  - {flow(first if alone else paths)}"
         if found.arm is not None:
             loads[first] = told_load(next(iter(entry.values())), found.arm)
+    # of two, one held out would leave a single one to fit
     if len(found.entries) > 2:
         yield "# judge: [FILE]  # name one of them here in place of above: it is held out and never fitted"
     told = {path: load for path, load in loads.items() if load is not None}
@@ -655,6 +682,7 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     main, time = found.main, found.main.time
     entry: dict[str, Any] = {}
     if time.column is not None:
+        # columns without names are given by their numbers
         unnamed = found.sources.get(TIME, main).part.unnamed
         entry["column"] = int(time.column) if unnamed else time.column
     entry |= {"unit": time.unit} if time.unit else {"rate": _rounded(time.rate)}
@@ -663,6 +691,7 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     yield f"time: {flow(entry)}", time.why
     if main.part.kind == LEROBOT:
         numbers = list(range(len(main.log.tables)))
+        # the last episode is the one to hold out, if there are several
         listed = flow({"fit": numbers[:-1] or numbers, "judge": numbers[-1:]})
         yield f"# episodes: {listed}", "all are fitted; hold some out by this line"
     elif len(main.log.tables) > 1:
@@ -671,6 +700,7 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
         listed = flow(list(found.chosen["q"][1].group.labels))
         yield f"joints: {listed}", "their names in the log, in the order of the robot's"
     if len({table.log.path for table in found.sources.values()}) > 1:
+        # the same number of rows in all files: row by row, else by time
         if len({len(table.part) for table in found.sources.values()}) == 1:
             yield "join: row", "the files have as many rows"
         else:
@@ -681,6 +711,7 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     for channel in CHANNELS:
         if channel in found.chosen:
             yield from _channel(found, channel, *found.chosen[channel])
+        # a case without torque has to say so
         elif channel == "tau":
             yield "tau: null", "no column name identifies a torque"
     used = [id(guess) for _, guess in found.chosen.values()]
@@ -707,6 +738,7 @@ def _channel(
     """The line of one channel; a comment if the columns cannot be read as they are."""
     line = f"{channel}: {_entry(found, label, guess)}"
     values, null = guess.group.values, f"{channel}: null"
+    # a line that cannot be read stays as a comment, and null in its place
     if not usable(values):
         yield f"# {line}", "left out: it holds cells that are no numbers"
         yield null, ""
@@ -729,9 +761,11 @@ def _entry(found: Inspection, label: str, guess: ChannelGuess) -> str:
     if guess.group.sign_bit is not None:
         entry["sign_bit"] = guess.group.sign_bit
     if guess.unit == "A":
+        # zeros to be filled in from the data sheet
         zeros = [0.0] * found.n_joints
         entry |= {"motor_constant": zeros, "gear_ratio": list(zeros)}
     table = found.sources[label]
+    # another file is named by its label, another topic of the same log by its name
     if len({other.log.path for other in found.sources.values()}) > 1:
         entry["file"] = label
     elif table is not found.main:
@@ -750,6 +784,7 @@ def _columns_entry(
         return names
     if found.arm is None or len(group.names) != group.width:
         return group.pattern
+    # the pattern only if it gives these very columns, and no more
     complete = group.width == found.arm.n_joints
     if group.by_name:
         as_main = group.labels == found.chosen["q"][1].group.labels
@@ -769,6 +804,7 @@ def _data_sheet(found: Inspection) -> Iterator[str]:
             unit += ": rotor inertia times gear ratio squared"
         values = zeros
         if found.arm is not None:
+            # six digits: what a file says, without what floats add to it
             values = [float(f"{x:.6g}") for x in getattr(found.arm, name)]
         yield f"#   {name}: {flow(values)}  # {unit}"
     yield "#   encoder: motor  # motor, or joint: the side of the gear on which the position is measured"
@@ -778,12 +814,14 @@ def _data_sheet(found: Inspection) -> Iterator[str]:
 
 
 def _rounded(rate: float) -> float | int:
+    # one whole number of hertz reads as that
     return int(rate) if rate == int(rate) else rate
 
 
 def flow(value: Any) -> str:
     """A value as YAML on one line."""
     text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000)
+    # YAML ends a single value with a line of dots
     return text.removesuffix("\n").removesuffix("\n...")
 
 
@@ -819,6 +857,7 @@ def judge_torques(found: Inspection) -> Inspection:
                 faults = find_stamps([recording])
                 seen += [fault_remark(fault, recording.n_joints) for fault in faults]
         return replace(found, misread=tuple(seen))
+    # each column that may be a torque is tried as one, in a draft of its own
     looked = {
         (label, guess.group.pattern): set_up
         for label, table in found.sources.items()
@@ -831,6 +870,7 @@ def judge_torques(found: Inspection) -> Inspection:
         set_up = looked.get((at, guess.group.pattern))
         if set_up is None:
             return guess
+        # time is the same whichever column is the torque: said once
         said = (remark.text for remark in set_up.remarks() if remark.topic != "time")
         return replace(guess, facts=(*guess.facts, *said))
 
@@ -847,6 +887,7 @@ def judge_torques(found: Inspection) -> Inspection:
         tables = {}
         for at, table in entry.items():
             channels = [told(guess, at) for guess in table.channels]
+            # only without names: what a name says goes before how well it fits
             if at == label and table.by_values:
                 channels.sort(key=rank)
             tables[at] = replace(table, channels=tuple(channels))
@@ -869,6 +910,7 @@ def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:
         guess = replace(guess, unit="N m")
     first = {}
     for at, table in found.sources.items():
+        # any other torque would take this one's place
         channels = [other for other in table.channels if other.channel != "tau"]
         if at == label:
             channels.insert(0, replace(guess, channel="tau"))
@@ -893,4 +935,5 @@ def _drafted(found: Inspection) -> Case:
         file = Path(folder) / "case.yaml"
         text = case_text(found, Path(folder), str(found.arm.urdf.resolve()))
         file.write_text(text, encoding="utf-8")
+        # in any unit: a wrong one is what the set-up is asked for
         return load_case(file, any_unit=True)

@@ -145,6 +145,7 @@ def check_static(static: StaticPoses) -> Iterator[Finding]:
     if as_is.misfit <= GRAVITY_MISFIT:
         return
     best = static.explanations[0]
+    # a small gain over the model as it is explains nothing
     if best is as_is or best.misfit > 0.7 * as_is.misfit:
         said = "no single error of sign, scale, link or assignment explains it"
         remedy = "check units and order of the joints (gapscope check), then identify the arm (gapscope identify)"
@@ -168,6 +169,7 @@ def _read(robot: str | Path, recording: Path) -> tuple[NominalArm, list[Recordin
     """The arm, and its recordings with torque."""
     path = Path(robot)
     robot_is_case = is_folder(path) or path.suffix in (".yaml", ".yml")
+    # a recording that is a case brings its own import section and joints
     if recording.suffix in (".yaml", ".yml") or is_file(recording / "case.yaml"):
         case = load_case(recording)
         arm, found = case.arm, [*case.recordings, *case.judged]
@@ -216,6 +218,7 @@ def _line(model: np.ndarray, tau: np.ndarray) -> tuple[float, float, float]:
     if model.std() < 1e-6 or tau.std() == 0:
         return np.nan, np.nan, float(tau.mean() - model.mean())
     correlation = float(np.corrcoef(model, tau)[0, 1])
+    # least squares of tau = scale model + offset
     scale = correlation * tau.std() / model.std()
     return correlation, float(scale), float(tau.mean() - scale * model.mean())
 
@@ -228,6 +231,7 @@ def _explanations(
     correlation: np.ndarray,
 ) -> tuple[Explanation, ...]:
     """Hypotheses on what is wrong, by what they leave; each parameter costs as in Akaike's criterion."""
+    # offsets are free: means are taken off
     torque = tau - tau.mean(axis=0)
     count, size = torque.size, float(rms(torque, axis=None))
     by_model = model - model.mean(axis=0)
@@ -262,6 +266,7 @@ def _explanations(
     # mass and first moments of one link fitted to the error of the model
     error = (torque - by_model).ravel()
     regressor = RigidBody(arm).regressor(q, np.zeros_like(q), np.zeros_like(q))
+    # without the means: an offset of each joint explains what is constant
     regressor -= regressor.mean(axis=0)
     for j, joint in enumerate(arm.joints):
         columns = regressor[:, :, 10 * j : 10 * j + FIRST_MOMENTS]
@@ -272,6 +277,7 @@ def _explanations(
         found.append(replace(one, changes=tuple(changes.tolist())))
 
     def criterion(one: Explanation) -> float:
+        # N log(misfit^2) + 2 k, but for what all hypotheses share
         return count * 2 * np.log(max(one.misfit, 1e-6)) + 2 * one.parameters
 
     return tuple(sorted(found, key=criterion))
@@ -326,6 +332,7 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> Audit:
     description = read_description(path)
     geometries = link_geometries(description)
     refused = _refused(description)
+    # first of all: other figures cannot be trusted without these numbers
     findings = [
         Finding(
             "impossible",
@@ -341,6 +348,7 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> Audit:
     ]
     findings += check_description(description, geometries)
     findings += _gravity(case, gravity)
+    # before findings on joints and links: no other command takes the file
     if refused:
         findings.append(
             Finding(
@@ -386,6 +394,7 @@ def _weighed(finding: Finding, description: Description) -> Finding:
     """A finding about a link that no joint moves, or that is very light, is a note: it hardly changes any torque."""
     tag, _, name = finding.place.partition(" ")
     names = {link.name for link in description.links}
+    # a moved link without mass stays what it is: a simulator cannot move it
     if tag != "link" or name not in names or finding.kind == "no_mass":
         return finding
     inertial = description.by_name[name].inertial
@@ -413,6 +422,7 @@ def _refused(description: Description) -> str:
             warnings.simplefilter("ignore")  # what is odd is found here
             arm_model(description.file, joints, np.zeros(3))
     except GapscopeError as error:
+        # the first line says what is wrong, the rest what to do
         return str(error).split("\n")[0]
     return ""
 

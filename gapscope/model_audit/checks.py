@@ -234,11 +234,13 @@ def slipped_digit(inertial: Inertial) -> str:
     """Which of the three moments, ten times larger or smaller, would be possible; empty if none or many would be."""
     fits = []
     for axis, name in enumerate(AXES):
+        # ixx, iyy, izz are those of the file, one digit off at a time
         for factor in (0.1, 10.0):
             diagonal = inertial.diagonal.copy()
             diagonal[axis] *= factor
             if diagonal.max() <= (diagonal.sum() - diagonal.max()) * 1.02:
                 fits.append(f"{name} = {diagonal[axis]:g}")
+    # one or two ways to mend it are a hint, more are none
     if not 1 <= len(fits) <= 2:
         return ""
     return f"a digit may have slipped: {' or '.join(fits)} would be possible; compare with the CAD model"
@@ -251,12 +253,14 @@ def _massless(description: Description) -> Iterator[Finding]:
         # between several joints of one body there is nothing
         if child is None or not child.line:
             continue
+        # what is fixed to a link weighs with it
         parts = [link for link, _ in description.rigid_part(joint.child)]
         if any(part.inertial and part.inertial.mass > 0 for part in parts):
             continue
         # MuJoCo computes the inertial from the shapes
         if description.form == "MJCF" and any(part.shapes for part in parts):
             continue
+        # half of a joint may be without mass as long as what it carries has some
         last = not any(
             below.kind != "fixed"
             for part in parts
@@ -326,6 +330,7 @@ def _placeholders(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
         _, first = alike[0]
         x, y, z = first.diagonal
         ball = x == y == z and np.allclose(first.moments, np.diag(first.diagonal))
+        # equal moments on equal masses may be the same part, used several times
         if len(links) < REPEATED_MOMENTS or not (ball or len(masses) > 1):
             continue
         names = ", ".join(link.name for link in links)
@@ -374,6 +379,7 @@ def _wrong_image(left: Inertial, right: Inertial) -> str:
     own, other = (np.linalg.eigvalsh(one.moments) for one in (left, right))
     if not np.allclose(own, other, atol=0.02 * scale):
         return ""  # other parts, or other moments: not said by the name alone
+    # centres say about which planes the two sides are mirrored
     images = [
         np.diag(signs)
         for signs in product((1.0, -1.0), repeat=3)
@@ -384,6 +390,7 @@ def _wrong_image(left: Inertial, right: Inertial) -> str:
         np.allclose(x, right.moments, atol=0.02 * scale) for x in mirrored
     ):
         return ""
+    # products of the other sign: the matrix with its off-diagonals turned
     turned = [2 * np.diag(np.diag(x)) - x for x in mirrored]
     if any(np.allclose(x, right.moments, atol=0.02 * scale) for x in turned):
         return "the products of inertia have the opposite sign of the mirror image"
@@ -491,6 +498,7 @@ def _values_of_all(description: Description) -> Iterator[Finding]:
         return
     absent = []
     for name, meaning in {**LIMITS, **DRIVE}.items():
+        # zero counts as not given
         given = [value for joint in joints if (value := getattr(joint, name))]
         if not given and name in DRIVE:
             absent.append(name)
@@ -568,6 +576,7 @@ def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Findin
     """Moments larger than the hull allows, or next to nothing."""
     variances, axes = np.linalg.eigh(inertial.variance)
     along = geometry.points @ axes
+    # b and a of the hull along each principal axis, about the middle
     low, high = along.min(axis=0), along.max(axis=0)
     middle, half = (low + high) / 2, (high - low) / 2 * (1 + HULL_TOLERANCE)
     offset = np.minimum(np.abs(inertial.com @ axes - middle), half)
@@ -694,6 +703,7 @@ def _whole(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fin
         if len(gains) >= SHIFT_LINKS and len(told) >= MIN_TOLD:
             tried.append((gains.mean(), np.mean(told > 0), step, len(told)))
     mean, share, step, count = max(tried, default=(0.0, 0.0, 0, 0))
+    # enough in the mean, and on most links: one alone decides nothing
     if mean < SHIFT_GAIN or share < SHIFT_SHARE:
         return
     beyond = "next" if step > 0 else "previous"
@@ -739,10 +749,12 @@ def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fi
             ]
         )
         count = len(rows)
+        # masses that are all alike fit any neighbour
         if count < SHIFT_LINKS + 1 or np.ptp(rows[:, 1]) == 0:
             continue
         size, own_mass, other_mass = np.log(rows).T
         now, then = (float(np.std(size - m, ddof=1)) for m in (own_mass, other_mass))
+        # numbers of two digits are no closer than their rounding
         then = max(ROUNDING, then)
         p = float(fisher.sf((now / then) ** 2, count - 1, count - 1))
         tried.append((p, then, now, count, step))
@@ -810,6 +822,7 @@ def _extents(
         carries = any(joint.parent in parts for joint in description.moving)
         size = float(np.trace(along)) if carries else 0.0
         found[name] = Extent(points.mean(axis=0), variance, False, size)
+    # shapes go before frames
     for name, geometry in geometries.items():
         size = float(np.trace(geometry.variance))
         found[name] = Extent(geometry.centre, geometry.variance, True, size)

@@ -115,6 +115,7 @@ def link_geometry(description: Description, link: str) -> Geometry | None:
             if corners is not None:
                 pose = place * shape.place
                 shapes.append((shape, corners @ pose.rotation.T + pose.translation))
+    # casings are drawn twice, for the eye and for contacts: one of them is the body
     collisions = [points for shape, points in shapes if shape.use == "collision"]
     hulls = [
         hull
@@ -127,11 +128,13 @@ def link_geometry(description: Description, link: str) -> Geometry | None:
     volume, centre, variance = _together([_solid(hull) for hull in hulls])
     corners = whole.points[whole.vertices]
     edge = float(np.ptp(corners, axis=0).max())
+    # overlapping shapes may add up to more than the hull of all
     return Geometry(corners, min(volume, whole.volume), centre, variance, edge)
 
 
 def distance_outside(geometry: Geometry, point: np.ndarray) -> float:
     """How far a point lies beyond the planes of the hull [m], at least; 0 inside."""
+    # planes of the hull: n x + d > 0 outside, with n of length one
     equations = ConvexHull(geometry.points).equations
     return float(max(0.0, (equations[:, :3] @ point + equations[:, 3]).max()))
 
@@ -150,6 +153,7 @@ def _solid(hull: ConvexHull) -> tuple[float, np.ndarray, np.ndarray]:
     With corners a, b, c and a centre o inside, each tetrahedron has the volume V = |det(a-o, b-o, c-o)| / 6 and, for
     its corners p_i, the second moment V/20 (sum p_i p_i^T + (sum p_i)(sum p_i)^T).
     """
+    # from a point inside, so that all tetrahedra count with the same sign
     inside = hull.points[hull.vertices].mean(axis=0)
     corners = hull.points[hull.simplices]
     volumes = np.abs(np.linalg.det(corners - inside)) / 6
@@ -177,6 +181,7 @@ def _mesh(path: Path, scale: tuple[float, ...]) -> np.ndarray | None:
     """Corners of a mesh's hull [m]; ``None`` if it cannot be read."""
     points = mesh_points(path, scale)
     hull = None if points is None else _hull(points)
+    # the hull's corners alone: a mesh may have a hundred thousand
     return None if hull is None else hull.points[hull.vertices]
 
 

@@ -285,12 +285,14 @@ class Description:
 
     def below(self, link: str) -> list[Joint]:
         """Joints that a link holds, whose child is in the file; of a URDF in the order of their names."""
+        # by name: the order in the file does not change that of the arm's joints
         found = [j for j in self.joints if j.parent == link and j.child in self.by_name]
         return sorted(found, key=lambda j: j.name if self.form == "URDF" else "")
 
     def upwards(self, link: str) -> Iterator[Joint]:
         """Joints from a link to the root, or once around a loop."""
         passed: set[str] = set()
+        # a broken file may close a loop: each link is passed once
         while (joint := self.above.get(link)) is not None and link not in passed:
             passed.add(link)
             yield joint
@@ -318,6 +320,7 @@ class Description:
     def around(self, joints: Collection[str]) -> frozenset[str]:
         """Links whose joints concern an arm: that it moves, that carry it, and those of joints that follow its own."""
         own = set(joints)
+        # a follower of a follower needs another round; there are no more than joints
         for _ in self.joints:
             own |= {j.name for j in self.joints if j.mimic and j.mimic.master in own}
         names = own | self.carriers(own)
@@ -346,6 +349,7 @@ class Description:
                 "give the base first, then the tip, in chain: [base, tip]",
                 file=self.file,
             )
+        # from the tip to the base, then turned round
         found = way[carriers.index(base) :: -1]
         names = tuple(joint.name for joint in found if joint.moves)
         if not names:
@@ -370,6 +374,8 @@ class Description:
         """Links from the roots on, each before those that it holds and branch by branch."""
         order: dict[str, Link] = {}
         waiting = [link.name for link in self.links if link.name not in self.above]
+        # a stack, last in first out: reversed, so
+        # that the first branch is followed first
         waiting.reverse()
         while waiting:
             name = waiting.pop()
@@ -401,6 +407,7 @@ def read_description(path: Path, *, shapes: bool = True) -> Description:
             it.
     """
     content = read_bytes(path, "check the robot: entry of the case")
+    # xacro marks in a comment do no harm
     text = COMMENT.sub("", content.decode("utf-8", "replace"))
     if path.suffix == ".xacro" or UNEXPANDED.search(text):
         raise InputError(
@@ -428,6 +435,7 @@ def _read_xml(content: bytes, path: Path) -> tuple[ET.Element, Lines]:
     parser = expat.ParserCreate()
     parser.buffer_text = True
 
+    # ElementTree's own parser keeps no lines, and every message names one
     def start(tag: str, attributes: dict[str, str]) -> None:
         lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
 
@@ -471,8 +479,10 @@ class _Reader:
         try:
             found = np.array(text.split(), dtype=float)
         except ValueError:
+            # a wrong count of numbers, or one beyond computing, is noted like text
             found = np.array([np.nan])
         if len(found) == len(usual) and (np.abs(found) < LARGEST_NUMBER).all():
+            # numbers next to nothing would overflow once they are divided by
             return np.where(np.abs(found) > 1 / LARGEST_NUMBER, found, 0.0)
         count = len(usual)
         wanted = "a number" if count == 1 else f"{count} numbers"
@@ -486,9 +496,11 @@ class _Reader:
         text = None if element is None else element.get(key)
         if text is None:
             return None
+        # "inf" or a huge number is how files write that there is no limit
         with suppress(ValueError):
             if limit and abs(float(text)) >= LARGEST_NUMBER:
                 return math.copysign(math.inf, float(text))
+        # a number that could not be read counts as not given
         noted = len(self.unreadable)
         value = float(self.several(element, key, (0.0,), place)[0])
         return value if len(self.unreadable) == noted else None
@@ -514,6 +526,7 @@ class _Reader:
         self, element: ET.Element, pose: SE3, mass: float | None, own: np.ndarray
     ) -> Inertial:
         """Of moments in axes of an inertial frame, (3, 3), which is placed in the link's."""
+        # from the axes of the inertial's frame into those of the link
         turned = pose.rotation @ own @ pose.rotation.T
         line = self.lines[element]
         return Inertial(line, mass or 0.0, pose.translation, turned, own)
@@ -585,6 +598,7 @@ class _UrdfReader(_Reader):
 
     def description(self, shapes: bool) -> Description:
         """The whole file."""
+        # a colour by name is defined once, for the whole robot
         named = {m.get("name", ""): self._rgba(m) for m in self.root.iter("material")}
         self._colours = {name: rgba for name, rgba in named.items() if name and rgba}
         links = [self._link(element, shapes) for element in self.root.findall("link")]
@@ -630,6 +644,7 @@ class _UrdfReader(_Reader):
             parent,
             child,
             self._place(element, place),
+            # an axis is x if the file says nothing, as URDF has it
             self.several(element.find("axis"), "xyz", (1.0, 0.0, 0.0), place),
             np.zeros(3),
             written == "continuous",
@@ -639,6 +654,7 @@ class _UrdfReader(_Reader):
 
     def _inertial(self, element: ET.Element, place: str) -> Inertial:
         values: dict[str, float] = {}
+        # all six moments are asked for: none is zero by default
         for tag, keys in (("mass", ("value",)), ("inertia", MOMENTS)):
             part = element.find(tag)
             lacking = [key for key in keys if part is None or part.get(key) is None]
@@ -651,6 +667,7 @@ class _UrdfReader(_Reader):
     def _place(self, element: ET.Element, place: str) -> SE3:
         """Place by the ``<origin>`` of an element."""
         origin = element.find("origin")
+        # fixed axes, in the order roll, pitch, yaw
         xyz, rpy = (self.several(origin, key, ZERO, place) for key in ("xyz", "rpy"))
         return SE3(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
 
@@ -660,6 +677,7 @@ class _UrdfReader(_Reader):
         colour = None if material is None else self._rgba(material)
         if material is not None and material.find("color") is None:
             colour = self._colours.get(material.get("name", ""))
+        # a shape without <geometry> has the tag of its use, which is of no known size
         form = geometry[0] if geometry is not None and len(geometry) else element
         named = form.get("filename", "")
         counts = SIZES.get(form.tag, {})
@@ -724,6 +742,7 @@ class _MjcfReader(_Reader):
         self._links, self._joints = [Link("world", 0, None)], list[Joint]()
         compiler = self.root.find("compiler")
         settings = {} if compiler is None else compiler.attrib
+        # MuJoCo's own default is degrees
         degrees = settings.get("angle", "degree") == "degree"
         self._angle = np.pi / 180 if degrees else 1.0
         self._euler = settings.get("eulerseq", "xyz")
@@ -734,17 +753,21 @@ class _MjcfReader(_Reader):
             mesh.get("name") or Path(mesh.get("file", "")).stem: mesh
             for mesh in self.root.findall("asset/mesh")
         }
+        # before anything is read: elements then say
+        # themselves what their class gives them
         self._give_defaults()
         self.unread += [
             ("", f"{what} is not read")
             for path, what in UNREAD.items()
             if self.root.find(path) is not None
         ]
+        # before bodies, whose joints ask what actuators and equalities say
         self._mimics = self._equalities()
         self._read_actuators()
         for world in self.root.findall("worldbody"):
             self._visit(world, "world")
         gravity = None
+        # of several the last counts
         for option in self.root.findall("option[@gravity]"):
             gravity = self.several(option, "gravity", ZERO, "file")
         if self.root.find("option/flag[@gravity='disable']") is not None:
@@ -757,6 +780,7 @@ class _MjcfReader(_Reader):
         classes: dict[str, dict[str, dict[str, str]]] = {"main": {}}
 
         def define(default: ET.Element, above: dict[str, dict[str, str]]) -> None:
+            # a class has what the one around it has, unless it says otherwise
             own = {tag: dict(values) for tag, values in above.items()}
             for child in default:
                 own.setdefault(child.tag, {}).update(child.attrib)
@@ -773,6 +797,7 @@ class _MjcfReader(_Reader):
                         place = f"{child.tag} {child.get('name', '')}"
                         self.note(child, key, place, "the name of a default class")
                 given = classes.get(name, {}).get(child.tag, {})
+                # what stands at the element goes before the class
                 child.attrib.update({**given, **child.attrib})
                 fill(child, inherited)
 
@@ -793,6 +818,7 @@ class _MjcfReader(_Reader):
                 terms = self.any(element, "polycoef", 0.0, f"joint {name}")
             else:
                 terms = np.array([0.0, 1.0])
+            # q = c0 + c1 q_master; higher powers are no proportion
             straight = len(self.unreadable) == noted and not terms[2:].any()
             if element.tag == "joint" and master and straight:
                 if element.get("active") != "false":
@@ -834,6 +860,7 @@ class _MjcfReader(_Reader):
             if tag in ("general", "motor") and bias == "none":
                 control = self._bound(element, "ctrl", place)
                 limit = min(limit, abs(first("gainprm", 1.0)) * control)
+            # of several actuators on a joint the lowest limit
             self._limits[name] = min(self._limits.get(name, np.inf), gear * limit)
             own = None
             if tag == "position":
@@ -845,6 +872,8 @@ class _MjcfReader(_Reader):
                 _, kp, kd = -np.pad(given, (0, 3))[:3]
                 own = (float(kp), float(kd))
             if own is not None:
+                # once through the gear to the actuator's
+                # length, and once back to the joint's torque
                 self._gains[name] = tuple(gear**2 * gain for gain in own)
 
     def _bound(self, element: ET.Element, of: str, place: str) -> float:
@@ -852,11 +881,13 @@ class _MjcfReader(_Reader):
         key = f"{of}range"
         if key not in element.attrib or element.get(f"{of}limited") == "false":
             return np.inf
+        # the smaller side: limits here have one size for both directions
         return float(np.abs(self.several(element, key, (0.0, 0.0), place)).min())
 
     def _visit(self, element: ET.Element, parent: str) -> None:
         for body in element.findall("body"):
             name = body.get("name") or f"{NAMELESS}_{len(self._links)}"
+            # names are written back, so that what follows finds the body by it
             body.set("name", name)
             if self.any(body, "gravcomp", 0.0, f"body {name}").any():
                 said = f"gravcomp of body {name} is not read: its weight is not held up"
@@ -867,6 +898,7 @@ class _MjcfReader(_Reader):
     def _body(self, body: ET.Element, name: str, parent: str) -> None:
         place = self._place(body, f"body {name}")
         own = [x for x in body if x.tag in ("joint", "freejoint")]
+        # joints of one body act one after the other, on links without anything between
         for number, element in enumerate(own, 1):
             child = name
             if number < len(own):
@@ -874,12 +906,14 @@ class _MjcfReader(_Reader):
                 self._links.append(Link(child, 0, None))
             self._joints.append(self._joint(element, parent, child, place))
             parent, place = child, SE3.Identity()
+        # a body without a joint is fixed to its parent
         if not own:
             called, line = f"{name} (fixed)", self.lines[body]
             fixed = Joint(
                 called, line, "fixed", parent, name, place, np.zeros(3), np.zeros(3)
             )
             self._joints.append(fixed)
+        # with inertiafromgeom the file's own inertials have no say
         inertial = None if self._by_shape else body.find("inertial")
         self._links.append(
             Link(
@@ -898,7 +932,9 @@ class _MjcfReader(_Reader):
         place, kind = f"joint {name}", element.get("type", "hinge")
         kind = KINDS.get("free" if element.tag == "freejoint" else kind, kind)
         limits = self.several(element, "range", (0.0, 0.0), place)
+        # a range counts if it is given, unless limited says that it does not
         given = "range" in element.attrib and element.get("limited") != "false"
+        # degrees are of angles alone
         limits *= self._angle if kind == "revolute" else 1.0
         limit = self._bound(element, "actuatorfrc", place)
         limit = min(limit, self._limits.get(name, np.inf))
@@ -936,6 +972,7 @@ class _MjcfReader(_Reader):
             self.lacks(element, "mass", place)
         if element.get("fullinertia") is not None:
             six = self.several(element, "fullinertia", np.zeros(6), place)
+            # fullinertia is xx yy zz xy xz yz
             own = moments_matrix(six[[0, 3, 4, 1, 5, 2]])
         elif element.get("diaginertia") is not None:
             own = np.diag(self.several(element, "diaginertia", ZERO, place))
@@ -963,6 +1000,7 @@ class _MjcfReader(_Reader):
             if "fromto" in element.attrib:
                 ends = self.several(element, "fromto", np.zeros(6), place).reshape(2, 3)
                 pose = along(*ends)
+                # half lengths of MJCF, as of all its sizes
                 size = size[0], float(np.linalg.norm(ends[1] - ends[0])) / 2
             size = _extent(kind, size)
         mass, density = (self.one(element, key, place) for key in ("mass", "density"))
@@ -977,6 +1015,7 @@ class _MjcfReader(_Reader):
         if key == "quat" and not given.any():
             self.note(element, "quat", place, "a quaternion other than zero")
         elif key == "quat":
+            # w x y z of MJCF, x y z w of SciPy
             turn = Rotation.from_quat(np.roll(given, -1)).as_matrix()
         elif key == "euler":
             # axes in lower case turn with the body, in upper case they stay
@@ -987,6 +1026,7 @@ class _MjcfReader(_Reader):
             turn = _turned(_unit(given[:3]) * given[3] * self._angle)
         elif key == "xyaxes":
             x = _unit(given[:3])
+            # the second axis made normal to the first, as MuJoCo does
             y = _unit(given[3:] - (x @ given[3:]) * x)
             turn = np.column_stack([x, y, np.cross(x, y)])
         elif key == "zaxis":

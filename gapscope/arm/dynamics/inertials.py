@@ -98,11 +98,13 @@ def own_parameters(inertial: Inertial | None) -> np.ndarray:
 
 def set_parameters(link: ET.Element, parameters: np.ndarray) -> None:
     """Give a link these ten parameters, in its own frame."""
+    # the file's own origin and axes go: all is said in the link's frame
     for old in link.findall("inertial"):
         link.remove(old)
     if not np.any(parameters):
         return
     inertia = pin.Inertia.FromDynamicParameters(np.asarray(parameters, dtype=float))
+    # a symmetric matrix: its six numbers, in URDF's order
     six = map(repr, inertia.inertia[np.triu_indices(3)].tolist())
     inertial = ET.Element("inertial")
     ET.SubElement(inertial, "origin", xyz=numbers(inertia.lever), rpy="0 0 0")
@@ -117,6 +119,7 @@ def possible(parameters: np.ndarray) -> bool:
         return False
     inertia = pin.Inertia.FromDynamicParameters(np.asarray(parameters, dtype=float))
     least, middle, largest = np.linalg.eigvalsh(inertia.inertia)
+    # rounding of a body at the very edge of what is possible
     slack = 1e-9 * largest
     return bool(least >= -slack and largest <= least + middle + slack)
 
@@ -136,6 +139,7 @@ def inertial_scale(body: RigidBody) -> np.ndarray:
     parameters = body.inertial_parameters().reshape(-1, 10)
     mass, hx, hy, hz, ixx, _, iyy, _, _, izz = parameters.T
     moment = np.maximum(np.hypot(np.hypot(hx, hy), hz), MIN_LEVER * mass)
+    # about the joint, so that a centre far out makes large moments
     inertia = 0.5 * (ixx + iyy + izz)
     per_link = np.column_stack([mass, moment, inertia])
     return np.repeat(per_link, [1, 3, 6], axis=1).ravel()
@@ -168,6 +172,7 @@ def inertial_errors(parameters: np.ndarray, units: np.ndarray) -> np.ndarray:
     root = np.zeros((len(bodies), 10, len(bodies), 10))
     for k, (body, size) in enumerate(zip(bodies, sizes, strict=True)):
         if body[0] > 0:
+            # the distance that counts for the first moments: size over mass
             own = _of_body(body, size[1] / body[0])
             # a point on the joint's axis has no moments of inertia, and no error of them
             known = size > 0
@@ -182,12 +187,14 @@ def _of_body(body: np.ndarray, distance: float) -> np.ndarray:
     about_joint[UPPER] = about_joint.T[UPPER] = body[4:]
     about_centre = about_joint - mass * _spread(centre, centre)
     out = np.zeros((10, 10))
+    # mass wrong by a share: all ten parameters are wrong by it
     out[:, 0] = body
     for axis, shift in enumerate(distance / np.sqrt(3.0) * np.eye(3)):
         # m (c^T c E - c c^T) changes with the centre by twice its symmetric part
         change = 2.0 * mass * _spread(centre, shift)
         out[1:4, 1 + axis] = mass * shift
         out[4:, 1 + axis] = change[UPPER]
+    # of a body that is impossible the trace may be negative
     shape = SHAPE_ERROR * max(0.5 * float(np.trace(about_centre)), 0.0)
     out[4:, 4:] = np.diag(shape * np.where(np.eye(3)[UPPER], 1.0, 0.5))
     return out

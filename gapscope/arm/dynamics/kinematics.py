@@ -69,6 +69,7 @@ class Kinematics:
         self._data = body.model.createData()
         self._order, self._places = body.order, body.places
         last = body.model.njoints - 1
+        # a frame of the last body: later ones are farther out, so that the last counts
         for index, frame in enumerate(body.model.frames):
             if frame.parentJoint == last and frame.type == pin.FrameType.BODY:
                 self._tool = index
@@ -98,6 +99,7 @@ class Kinematics:
         placements = list(self._data.oMi)[1:]
         joints = [placement.translation for placement in placements]
         tip = self._data.oMf[self._tool].translation
+        # a tool on the joint's own axis would leave the last link without length
         if np.abs(tip - joints[-1]).max() < 1e-3:
             centre_of_mass = self._model.inertias[len(joints)].lever
             tip = placements[-1].act(centre_of_mass)
@@ -119,6 +121,7 @@ def smallest_singular_value(kinematics: Kinematics, q: np.ndarray) -> np.ndarray
     jacobians = np.array([kinematics.tool_jacobian(posture) for posture in q])
     turned = jacobians.transpose(0, 2, 1)
     wide = jacobians.shape[2] >= jacobians.shape[1]
+    # squares of the singular values, from the smaller of the two products
     gram = jacobians @ turned if wide else turned @ jacobians
     return np.sqrt(np.linalg.eigvalsh(gram)[:, 0].clip(0.0))
 
@@ -157,6 +160,7 @@ def inverse_kinematics(
     """
     q = np.array(start, dtype=float)
     weight = np.repeat([1.0, TURN], len(target.position))
+    # fewer joints than six cannot choose an orientation: three rows are left
     if kinematics.n_joints < len(weight):
         weight = weight[: len(target.position)]
     rows = len(weight)
@@ -169,6 +173,7 @@ def inverse_kinematics(
         lambda_ = DAMPING * error @ error + 1e-12
         regularised = jacobian @ jacobian.T + lambda_ * np.eye(rows)
         step = jacobian.T @ np.linalg.solve(regularised, error)
+        # far from the target the linear step may be anything: its direction is kept
         longest = max(float(np.abs(step).max()), np.finfo(float).eps)
         q += step * min(1.0, LONGEST_STEP / longest)
     raise GapscopeError(

@@ -84,6 +84,7 @@ def read_shapes(
                     said = f"the mesh {shape.named} is not found"
                 notes.append(f"a {shape.use} shape of link {link.name}: {said}")
                 continue
+            # the shape's place on the body: through the frame of its link
             turn, shift = frame.rotation, frame.rotation @ shape.place.translation
             own = replace(
                 frame,
@@ -91,6 +92,7 @@ def read_shapes(
                 rotation=turn @ shape.place.rotation,
             )
             shapes.append(PlacedShape(**vars(shape), frame=own))
+    # once, though several shapes may name the same mesh
     return tuple(shapes), tuple(dict.fromkeys(notes))
 
 
@@ -124,6 +126,7 @@ def link_hulls(body: RigidBody) -> tuple[Hull, ...]:
     """Hulls of the visual shapes of a URDF, or of its collision shapes; a body without any is a rod along the arm."""
     shapes, _ = read_shapes(body)
     found: list[Hull] = []
+    # visual shapes first; collision ones only of bodies that have none
     for use in ("visual", "collision"):
         drawn = {hull.body for hull in found}
         for shape in shapes:
@@ -135,10 +138,12 @@ def link_hulls(body: RigidBody) -> tuple[Hull, ...]:
                 if points is not None:
                     found += _hull(number, points @ frame.rotation.T + frame.position)
     drawn = {hull.body for hull in found}
+    # nothing is drawn of the others: rods to what they carry
     bare = [number for number in range(body.model.njoints) if number not in drawn]
     thickness = THICKNESS * reach(body)
     for number in bare:
         for end in _ends(body, number):
+            # a rod is the hull of a ball at either end
             ball = thickness * directions(DIRECTIONS)
             found += _hull(number, np.vstack([ball, ball + end]))
     return tuple(found)
@@ -184,6 +189,7 @@ def shape_points(shape: Shape, count: int, corners: int) -> np.ndarray | None:
         rim = directions(count) * size[0]
     else:
         return directions(count) * size
+    # cylinder and capsule are the hull of their two ends
     end = np.array([0.0, 0.0, size[1] / 2])
     return np.vstack([rim - end, rim + end])
 
@@ -201,6 +207,7 @@ def _hull(body: int, points: np.ndarray) -> list[Hull]:
     """The hull of the farthest points in evenly spread directions; none of flat shapes."""
     if len(points) <= points.shape[1]:
         return []
+    # few corners draw fast, and the hull of the farthest points hides little
     farthest = np.unique(np.argmax(points @ directions(DIRECTIONS).T, axis=0))
     kept = points[farthest]
     try:
@@ -210,6 +217,7 @@ def _hull(body: int, points: np.ndarray) -> list[Hull]:
     corners = hull.simplices
     outward = hull.equations[:, :3]
     a, b, c = (kept[corners[:, k]] for k in range(3))
+    # SciPy gives corners in no order: the normal that they make must point outwards
     turned = np.einsum("fi,fi->f", np.cross(b - a, c - a), outward) < 0
     faces = corners.copy()
     faces[turned] = faces[turned][:, ::-1]
@@ -268,6 +276,7 @@ class CollisionModel:
         self._shapes = _collision_shapes(arm, body)
         bodies = self._shapes.ngeoms
         if height is not None:
+            # a plane below the base, which is not to be hit
             ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), float(height))
             self._shapes.addGeometryObject(
                 pin.GeometryObject("surface", 0, 0, pin.SE3.Identity(), ground)
@@ -282,6 +291,8 @@ class CollisionModel:
                 apart.append((first, second))
         self._set_pairs(apart)
         candidates = self.pairs
+        # each posture once, for all pairs: which touch
+        # by construction, and how near others come
         distances = self._sampled()
         overlapping = distances <= 0
         # hulls that overlap at zero or nearly always do so by construction
@@ -312,6 +323,7 @@ class CollisionModel:
         least, nearest = np.full(len(q), np.inf), np.zeros(len(q), dtype=int)
         if not self.pairs:
             return least, nearest
+        # of one posture after the other: pinocchio has no series of distances
         for i in range(len(q)):
             nearest[i] = self._compute(q[i])
             least[i] = self._geometry.distanceResults[int(nearest[i])].min_distance
@@ -341,6 +353,7 @@ class CollisionModel:
 
     def _sampled(self) -> np.ndarray:
         """Distance of the present pairs [m] in the zero posture and in random ones, one row each."""
+        # joints without limits within a turn
         low = np.clip(self._model.lowerPositionLimit, -np.pi, np.pi)
         high = np.clip(self._model.upperPositionLimit, -np.pi, np.pi)
         zero = np.clip(np.zeros(self._model.nq), low, high)
@@ -366,6 +379,7 @@ def _collision_shapes(arm: NominalArm, body: RigidBody) -> pin.GeometryModel:
         missing = "collision shapes are read from URDF files alone"
     elif lost:
         missing = f"{len(lost)} collision meshes are not found, first {lost[0]}"
+    # boxes by mass and inertia only if shapes cannot be had, all of them
     if not missing:
         shapes = [x for x in read_shapes(body)[0] if x.use == "collision"]
         return _convex(shapes, body, arm.urdf)
@@ -393,6 +407,7 @@ def _convex(
         if shape.kind == "mesh":
             try:
                 form = coal.MeshLoader().load(str(shape.mesh), np.array(shape.size))
+                # a hull is convex, so that distances are exact, and encloses the mesh
                 form.buildConvexHull(True, "Qt")
             except (ValueError, RuntimeError) as error:
                 raise InputError(

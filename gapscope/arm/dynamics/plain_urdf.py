@@ -61,12 +61,14 @@ def moving_links(body: RigidBody, *, movable: bool = True) -> tuple[Link, ...]:
     if movable:
         check_inertia(body)
     model, data = body.model, body.model.createData()
+    # at zero, in each joint's own frame: its column there is the axis
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
     links = []
     lower, upper = (limit[body.order] for limit in body.position_limits())
     for index in range(1, model.njoints):
         jacobian = pin.getJointJacobian(model, data, index, pin.LOCAL).reshape(6, -1)
         column = jacobian[:, model.joints[index].idx_v]
+        # a turning joint has its axis in the angular part, a slide in the linear one
         turns = np.linalg.norm(column[3:]) > np.linalg.norm(column[:3])
         placement, inertia = model.jointPlacements[index], model.inertias[index]
         moments, axes = np.linalg.eigh(inertia.inertia)
@@ -112,6 +114,7 @@ def plain_urdf(links: tuple[Link, ...]) -> str:
         ET.SubElement(joint, "child", link=link_name(link.joint))
         _add_origin(joint, link.origin)
         ET.SubElement(joint, "axis", xyz=numbers(link.axis))
+        # a URDF asks for limits of every joint but a continuous one
         if kind != "continuous":
             low, high = link.limits or (-UNLIMITED, UNLIMITED)
             ET.SubElement(
@@ -129,6 +132,7 @@ def exact_urdf(name: str, links: tuple[Link, ...]) -> ET.Element:
     """The same as an element with the arm's name, and with the principal moments in full precision."""
     root = ET.fromstring(plain_urdf(links))
     root.set("name", name)
+    # the base comes first and has no moments of its own
     for link, element in zip(links, root.findall("link")[1:], strict=True):
         inertia = element.find("inertial/inertia")
         assert inertia is not None
@@ -147,6 +151,7 @@ def check_inertia(body: RigidBody, at_fault: str = "") -> None:
     Raises:
         InputError: a body has a negative mass, or the mass matrix is not positive definite.
     """
+    # a link without mass is fine as long as others make the mass matrix definite
     inertias = [body.model.inertias[int(link)] for link in body.links]
     bad = [
         i
@@ -241,6 +246,7 @@ def plain_mjcf(links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> str:
         )
         if link.limits is not None:
             joint.set("range", numbers(np.array(link.limits)))
+            # time constant of four steps, critically damped: as stiff as a step bears
             joint.set("solreflimit", f"{4 * dt!r} 1")
     return ET.tostring(root, encoding="unicode")
 

@@ -55,6 +55,7 @@ class ArrayCache:
             self._kept.move_to_end(key)
             return self._kept[key]
         result = compute()
+        # as one array goes to others, nobody may change what is remembered
         for array in result:
             array.flags.writeable = False
         self._kept[key] = result
@@ -94,6 +95,7 @@ class RigidBody:
         self.links = np.array([self.model.getJointId(name) for name in arm.joints])
         # the arm's joints may be in another order than the tree's
         joints = [self.model.joints[int(link)] for link in self.links]
+        # model order: idx_v of a joint is its place in kinematic order
         self.places = np.array([joint.idx_v for joint in joints])
         self.order = np.argsort(self.places)
         self.last_link = int(self.order[-1])
@@ -155,12 +157,15 @@ class RigidBody:
                 ``INERTIAL_PARAMETERS``; kg, kg m, kg m^2.
             gravity: in the base frame [m/s^2], shape (3,); unchanged if ``None``.
         """
+        # shares the cache, whose keys hold bodies and gravity
         other = copy(self)
         other._laden = {}
         other.model = self.model.copy()
         other._data = other.model.createData()
         for link, increment in zip(self.links.tolist(), increments, strict=True):
             if np.any(increment):
+                # pinocchio's parameters are linear in mass,
+                # first and second moments, so that they add up
                 total = self.model.inertias[link].toDynamicParameters() + increment
                 inertia = pin.Inertia.FromDynamicParameters(total)
                 other.model.inertias[link] = inertia
@@ -176,6 +181,7 @@ class RigidBody:
             added = np.zeros((self.n_joints, 10))
             added[self.last_link] = load.parameters
             laden = self.changed(added)
+            # a laden arm remembers whose it is: errors of links refer to the bare one
             laden._unladen = self.unladen
             self._laden[load] = laden
         return self._laden[load]
@@ -201,6 +207,7 @@ class RigidBody:
         (q,) = self._ordered(np.atleast_2d(q))
         model, data = self.model, self._data
         last = int(self.links[self.last_link])
+        # a lever of the bare arm: what it carries does not move the place
         lever = self.unladen.model.inertias[last].lever
         jacobians, places = np.empty((len(q), 6, q.shape[1])), np.empty((len(q), 1, 3))
         for i in range(len(q)):
@@ -210,6 +217,7 @@ class RigidBody:
             places[i] = data.oMi[last].act(lever)
         linear, angular = jacobians[:, :3], jacobians[:, 3:]
         by_joint = (linear.transpose(0, 2, 1), angular.transpose(0, 2, 1))
+        # J of a point p is J_v + J_w x p, with J about the origin of the base
         out = by_joint[0] + np.cross(by_joint[1], places)
         return np.asarray(out[:, self.places])
 
@@ -228,6 +236,7 @@ class RigidBody:
         """Lower and upper position limits of the URDF [rad or m], each of shape (n,); infinite if it sets none."""
         lower = self.model.lowerPositionLimit[self.places]
         upper = self.model.upperPositionLimit[self.places]
+        # some files write a range without width, or 1e9, for no limit
         none = (lower >= upper) | (lower <= -UNLIMITED) | (upper >= UNLIMITED)
         return np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
 
@@ -284,6 +293,7 @@ class RigidBody:
     def gravity_regressor(self, q: np.ndarray) -> np.ndarray:
         """G(q) [kg m], shape (N, n, 3), with g(q) = G(q) g for gravity g in the base frame [m/s^2]."""
         still = np.zeros_like(q)
+        # gravity torque is linear in gravity: one axis at a time
         turned = self.changed(np.zeros((self.n_joints, 10)), np.zeros(3))
         columns = []
         for gravity in np.eye(3):
@@ -310,6 +320,7 @@ class RigidBody:
             out = np.empty((len(q), n, 10 * n))
         fill = pin.computeJointTorqueRegressor
         same_order = np.array_equal(self.places, np.arange(n))
+        # ten columns of each link, from kinematic order into that of the arm
         columns = (10 * self.places[:, None] + np.arange(10)).ravel()
         for row, *sample in zip(out, q, dq, ddq, strict=True):
             matrix = fill(self.model, self._data, *sample)
@@ -325,6 +336,7 @@ class RigidBody:
         def columns(*motion: np.ndarray) -> tuple[np.ndarray]:
             return (self.regressor(*motion)[:, :, own].copy(),)
 
+        # remembered link by link: the whole regressor of a long motion would not fit
         return self._cached(f"link {link}", columns, q, dq, ddq)[0]
 
     def inertial_parameters(self) -> np.ndarray:

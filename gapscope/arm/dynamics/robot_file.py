@@ -54,10 +54,12 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
     """
     path, moved = description.file, description.moved(joints)
     links = description.around(joints)
+    # of the whole file if no arm is named, else of what concerns it
     used = tuple(j for j in description.joints if not joints or j.child in links)
     places = {"file"} | {f"joint {joint.name}" for joint in used}
     tag = "link" if description.form == "URDF" else "body"
     places |= {f"{tag} {name}" for name in moved}
+    # shapes have a say only where MuJoCo weighs a body by them
     places |= {f"shape of {tag} {name}" for name in moved & _by_shape(description)}
     poses = {f"body {joint.child}" for joint in used}
     for found in description.unreadable:
@@ -67,6 +69,7 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
         posed = found.place in poses and not found.element.startswith("<inertial")
         if posed or (found.place in places and not idle):
             raise found.error(path)
+    # what this reader does not unfold would be missing without a word
     for element in UNFOLDED:
         if description.root.find(f".//{element}") is not None:
             name = element.split("//")[0]
@@ -74,6 +77,7 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
                 f"<{name}> is not read", "expand it in the file", file=path
             )
     bases = [x.name for x in description.links if x.name not in description.above]
+    # of an arm named by its joints other bases of the file do not matter
     _check_tree(description, used, () if joints else bases)
     for joint in used:
         where = f"line {joint.line}, joint {joint.name}"
@@ -105,6 +109,7 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
     for name, fault in faults.items():
         if name in moved:
             raise fault
+    # those that stand still may have any inertial: it is left out
     kept = [
         replace(link, inertial=None) if link.name in faults else link
         for link in description.links
@@ -160,6 +165,7 @@ def _check_inertial(inertial: Inertial, path: Path, where: str) -> None:
     check_size(inertial.moments, "moment of inertia", path, where)
     check_size(inertial.com, "length", path, where)
     moments = np.linalg.eigvalsh(inertial.moments)
+    # a negative moment within rounding of the largest one, or of a conversion
     if moments[0] < -max(1e-6 * abs(moments[2]), ROUNDING):
         raise InputError(
             f"it has the principal moments {listed(moments)} kg m^2, expected none below zero",
@@ -182,7 +188,9 @@ def tree_faults(
     names = Counter(joint.name for joint in joints)
     known = Counter(link.name for link in description.links)
     for joint in joints:
+        # each end once in the file, or the joint hangs nowhere
         odd = [end for end in (joint.parent, joint.child) if known[end] != 1]
+        # the way up ends at the base, or goes round
         *_, top = description.upwards(joint.child)
         if odd and not known[odd[0]]:
             said = f"names the link {odd[0]!r}, which the file does not have"
@@ -245,6 +253,7 @@ def _weighed(shape: Shape) -> pin.Inertia:
         "cylinder": (pin.Inertia.FromCylinder, disc * rest),
         "capsule": (pin.Inertia.FromCapsule, ball + disc * rest),
     }[shape.kind]
+    # MJCF may give a shape its mass, else it has a density
     mass = shape.density * volume if shape.mass is None else shape.mass
     return shape.place.act(make(float(mass), *shape.size))
 
@@ -286,9 +295,11 @@ def arm_model(
     while waiting:
         joint, name, body, place = waiting.pop()
         if joint is not None:
+            # a joint turns about its anchor: there and, behind the joint, back
             place = place * joint.place * pin.SE3(np.eye(3), joint.anchor)
             if joint.name in joints:
                 body, place = _add_joint(model, joint, body, place), pin.SE3.Identity()
+            # a joint that is locked elsewhere than at zero moves what it carries once
             elif joint.kind in SINGLE and positions.get(joint.name):
                 moved = joint.axis / np.linalg.norm(joint.axis) * positions[joint.name]
                 if joint.kind == "revolute":
@@ -300,12 +311,16 @@ def arm_model(
         if (own := link.inertial) is not None:
             inertia = pin.Inertia(own.mass, own.com, own.moments)
             model.appendBodyToJoint(body, inertia, place)
+        # the base has no body: what is fixed to it carries nothing that moves
         elif body and link.drawn and description.form == "MJCF":
             for shape in link.shapes:
                 model.appendBodyToJoint(body, _weighed(shape), place)
+        # links between several joints of one body
+        # are in no file: no frame has their name
         if link.line:
             frame = pin.Frame(link.name, body, place, pin.FrameType.BODY)
             model.addFrame(frame, False)
+        # reversed onto the stack: the first joint is taken first
         for below in reversed(description.below(name)):
             waiting.append((below, below.child, body, place))
     model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
@@ -320,8 +335,10 @@ def _add_joint(model: pin.Model, joint: Joint, body: int, place: pin.SE3) -> int
     if joint.kind == "prismatic":
         aligned = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
         free = pin.JointModelPrismaticUnaligned
+    # axes along x, y or z have joints of their own, which compute faster
     motion = aligned[axis.argmax()]() if axis.max() == 1.0 else free(axis)
     lower, upper = joint.lower or 0.0, joint.upper or 0.0
+    # a range without width means none, whatever it was meant for
     if joint.turns_freely or lower >= upper:
         lower, upper = -np.inf, np.inf
     bounds = np.array([joint.effort or 0.0, joint.velocity or 0.0, lower, upper])
@@ -346,6 +363,7 @@ def placeholder(description: Description, joints: Collection[str]) -> str:
         if link.name in moved and link.inertial is not None:
             own = masses.setdefault(link.inertial.own.tobytes(), set())
             own.add(link.inertial.mass)
+    # of all moments that links share, those on links of the most different masses
     most = max(masses.values(), key=len, default=set())
     if len(most) < SAME_INERTIA or description.form != "URDF":
         return ""
@@ -360,6 +378,7 @@ def silent_limits(description: Description, joints: Collection[str]) -> list[str
     notes = []
     for joint in description.joints if description.form == "URDF" else ():
         lacking = [key for key in ("effort", "velocity") if getattr(joint, key) is None]
+        # a continuous joint without <limit> is as it should be
         free = joint.turns_freely and len(lacking) == 2
         if joint.name in joints and lacking and not free:
             notes.append(
@@ -397,6 +416,7 @@ def lock(
         InputError: a position is given of a joint that does not exist, or that is one of the arm's.
     """
     single = tree.single
+    # a named arm's own joints move, and a name that is none is a slip
     for name in given:
         if name in joints:
             raise InputError(
@@ -417,6 +437,7 @@ def lock(
     for name in single:
         if name in joints or name in given:
             continue
+        # through chains of followers to the joint that moves at last
         rule = _chain_of_masters(name, single)
         at_master = float(given.get(rule.master, 0.0))
         position = rule.multiplier * at_master + rule.offset
@@ -437,10 +458,12 @@ def lock(
 def _chain_of_masters(name: str, single: Mapping[str, Joint]) -> Mimic:
     """The joint that one follows at last, with the multiplier and the offset of all between; itself if it does not."""
     last, multiplier, offset = name, 1.0, 0.0
+    # at most once through all joints: a chain may close on itself
     for _ in single:
         joint = single.get(last)
         if joint is None or joint.mimic is None:
             break
+        # q = m_1 (m_2 q_last + o_2) + o_1: offsets go through what is nearer
         offset += multiplier * joint.mimic.offset
         multiplier *= joint.mimic.multiplier
         last = joint.mimic.master
@@ -457,6 +480,7 @@ def _reflected(
     added = np.zeros(len(joints))
     if not followers:
         return added
+    # a model in which followers move too: its mass matrix has what they carry
     model = arm_model(path, (*joints, *followers), np.zeros(3), positions)
     posture = pin.neutral(model)
     for name in followers:
@@ -466,10 +490,12 @@ def _reflected(
     column = {name: model.joints[model.getJointId(name)].idx_v for name in model.names}
     for name, rule in followers.items():
         own, master = column[name], column[rule.master]
+        # energy of both at one speed: m^2 M_ff + 2 m M_fj beside M_jj
         m = rule.multiplier
         added[list(joints).index(rule.master)] += (
             m**2 * mass[own, own] + 2 * m * mass[own, master]
         )
+    # a follower that mostly moves against its master may seem to take inertia off
     return np.maximum(added, 0.0)
 
 

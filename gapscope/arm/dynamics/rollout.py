@@ -44,6 +44,7 @@ class ForwardDynamics:
 
     def set_link(self, link: int, parameters: np.ndarray) -> None:
         """Change a link's inertial parameters, shape (10,); ``link`` counts from 0 in kinematic order."""
+        # pinocchio counts the universe as link 0
         self._model.inertias[link + 1] = pin.Inertia.FromDynamicParameters(parameters)
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
@@ -160,6 +161,8 @@ class Stepper:
         nominal = body.inertial_parameters().reshape(-1, 10)
         self._moved = body.changed(plant.inertial - nominal)
         rotors = plant.armature[self.order]
+        # rotors depend on the slope of friction,
+        # and so on each state: one model for each
         self._forward = [ForwardDynamics(self._moved, rotors) for _ in range(states)]
         self.set_drives(plant)
 
@@ -167,6 +170,7 @@ class Stepper:
         """Take another plant."""
         for place, link in enumerate(self.order):
             parameters = plant.inertial[link]
+            # a Jacobian changes one link at a time: the others are left as they are
             if np.array_equal(parameters, self._links[link]):
                 continue
             for forward in self._forward:
@@ -193,6 +197,7 @@ class Stepper:
     ) -> np.ndarray:
         """Acceleration a of the step [rad/s^2]; q is the position half a step on."""
         friction, slope = self.friction(dq)
+        # h (b + s) on the diagonal makes the step implicit in friction
         rotors = self._armature + self.dt * slope
         free = torque + self._offset - friction
         out = np.empty_like(q)
@@ -206,6 +211,7 @@ class Stepper:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Position and velocity after one step under a torque [N m]."""
         half = 0.5 * self.dt
+        # half a step with the velocity before, half with the one after
         middle = q + half * dq
         after = dq + self.dt * self.acceleration(middle, dq, torque)
         return middle + half * after, after
@@ -277,6 +283,7 @@ def roll_outs(
         torque = feedforward[i] + stiff + damping
         torques[i] = torque = np.minimum(np.maximum(torque, -bound), bound)
         held = torque[:, order]
+        # the law acts at ticks, the bodies move in steps within
         for _ in range(steps):
             q, dq = stepper(q, dq, held)
         # written so that a speed that is not a number counts as too fast
@@ -377,6 +384,8 @@ def sensitivity(
     q_along, dq_along = at_rest, at_rest
     for i in range(len(q)):
         encoder_along = q_along[:, places]
+        # along the directions the feedback is -kp
+        # dq - kd dv: commands do not depend on them
         feedback = kp * encoder_along + kd * velocity(encoder_along)
         command_along = -unlimited[i][..., None] * feedback
         position_along[i] = encoder_along
@@ -415,6 +424,7 @@ class _TangentStepper(Stepper):
         self._links_along = links[self.order].reshape(10 * n, b)
         self._drives_along = drives[:, self.order]
         self._diagonal = np.arange(n)
+        # one memory for four matrices, as wide as the widest
         self._matrices = np.empty((4, states, n, max(n, b)))
 
     def tangent(
@@ -435,12 +445,14 @@ class _TangentStepper(Stepper):
         dq_after = dq + h * ddq
         slope, unit_friction, friction_by_dq = self._friction_along(dq, ddq)
         by_q, by_dq, mass, links = self._rigid(q_middle, dq, ddq)
+        # the same matrix as in the step itself: M + I + h (b + s)
         mass[:, self._diagonal, self._diagonal] += self._armature + h * slope
 
         # right-hand side of M d(ddq) = d u - ID_q dq - ID_dq d(dq) - f_dq d(dq) - Y d(pi)
         right = torque_along - by_q @ q_middle_along - by_dq @ dq_along - links
         right -= friction_by_dq[..., None] * dq_along
         rotors = ddq[..., None] * armature
+        # b acts at the velocity after the step, v + h a
         right -= rotors + dq_after[..., None] * viscous
         right -= unit_friction[..., None] * coulomb - offset
 

@@ -22,6 +22,7 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
         GapscopeError: ``path`` cannot be written.
     """
     path = Path(path)
+    # beside the place, on the same file system: renaming is then one step
     aside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -63,6 +64,7 @@ def make_folder(folder: Path) -> None:
     probe = folder / f".gapscope-{os.getpid()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        # by trying: permissions alone do not tell whether a disk is full or read-only
         probe.touch()
         probe.unlink()
     except OSError as error:

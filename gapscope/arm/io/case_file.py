@@ -65,6 +65,7 @@ class _Loader(yaml.SafeLoader):
         for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
             if not isinstance(key, yaml.ScalarNode):
                 continue
+            # PyYAML takes the last of two equal keys without a word
             if key.value in seen:
                 raise yaml.MarkedYAMLError(
                     problem=f"key {key.value!r} is given twice",
@@ -85,6 +86,7 @@ class _Loader(yaml.SafeLoader):
 
 
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_whole)
+# YAML 1.1 asks for a point in a number with an exponent
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"),
@@ -139,10 +141,13 @@ def _loaded(text: str) -> Any:
     """
     # brackets that are open at once, those in quotes and comments among them
     steps = [1 if bracket in "[{" else -1 for bracket in re.findall(r"[\[\]{}]", text)]
+    # counted before parsing: PyYAML takes long for what is nested deeply
     if max(accumulate(steps), default=0) > DEEPEST_YAML:
         raise RecursionError
     loader = _Loader(text)
     try:
+        # the tree of nodes has each alias once,
+        # and is measured before it is written out
         root = loader.get_single_node()
         if root is None:
             return None
@@ -164,6 +169,7 @@ def _expanded_size(node: yaml.Node, known: dict[int, int]) -> int:
         if not known[id(node)]:
             raise yaml.YAMLError("an alias stands for what it is part of")
         return known[id(node)]
+    # 0 while its parts are counted: met again, it is a part of itself
     known[id(node)] = 0
     size = 1
     if isinstance(node, yaml.SequenceNode):
@@ -199,6 +205,7 @@ def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, s
     """What is wrong, and what to do."""
     if rule == "additionalProperties":
         known = list(schema["properties"])
+        # one key at a time: the first that is unknown
         unknown = next(key for key in value if key not in known)
         close = get_close_matches(str(unknown), known, n=1)
         return (
@@ -243,6 +250,7 @@ def read_controller(path: Path, n_joints: int) -> Controller:
         InputError: there is no such file, it is not YAML, or it is no controller of this arm; names the field.
     """
     content = read_yaml(path, f"give a YAML file with {EXAMPLE}")
+    # a file may hold the section alone, or a case may be given
     if isinstance(content, dict) and "controller" in content:
         content = content["controller"]
     if content is None:
@@ -300,6 +308,7 @@ def parse_controller(
                 f"lacks the key {name!r}, which {law.kind} needs",
                 f"add {name}: to it, one number per joint",
             )
+    # a key of another law would be left out without a word
     for key in section:
         integrates = key == "integrator" and law.integrates
         if key not in (*COMMON, *names) and not integrates:
@@ -322,6 +331,7 @@ def parse_controller(
         entry = {"anti_windup": "clamping", **section["integrator"]}
         tracking_time = entry.get("tracking_time")
         calculates_back = entry["anti_windup"] == "back_calculation"
+        # one without the other means that somebody mixed two ways
         if calculates_back != (tracking_time is not None):
             raise fault(
                 f"anti_windup: {entry['anti_windup']} with tracking_time: {tracking_time}",

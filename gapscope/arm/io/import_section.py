@@ -136,7 +136,10 @@ class Import:
                 if name in out:
                     out[name] = out[name] @ inverse.T
             if "tau" in out:
+                # power is the same on both sides:
+                # tau_joint = R^T tau_motor, here of rows
                 out["tau"] = out["tau"] @ self.transmission
+        # behind the transmission, on the joint's side
         return out if self.turned is None else out | self.turned.of_channels(out)
 
 
@@ -164,6 +167,7 @@ def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]
         same = Columns.identity(n)
         signs = _per_joint(section.get("signs", same.factor), n, "signs")
         offsets = _per_joint(section.get("offsets", same.offset), n, "offsets")
+        # a sign turns motion and torque of a joint alike, an offset its positions alone
         torque = replace(same, factor=tuple(map(float, signs)))
         motion = replace(torque, offset=tuple(map(float, offsets)))
         turned = {"motion": motion, "torque": torque, "sensor": torque}
@@ -187,6 +191,7 @@ def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]
         found["calibration"] = _calibration(source.parent / section["calibration"])
     if "mend" in section:
         found["mend"] = Reading.from_mend(section["mend"] or {}, n, source)
+    # channels that the section does not name keep the columns of the case format
     channels = {
         name: _channel(name, section[name], n)
         if name in section
@@ -194,6 +199,7 @@ def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]
         for name in CHANNELS
     }
     tau = section.get("tau")
+    # the ratio would count twice
     if isinstance(tau, Mapping) and "gear_ratio" in tau and "transmission" in section:
         raise _fault(
             "tau.gear_ratio",
@@ -233,6 +239,7 @@ def _time(entry: str | int | Mapping[str, Any]) -> TimeColumn:
     column = str(entry.get("column", "t"))
     if rate is None:
         return TimeColumn(column, UNITS[entry.get("unit", "s")], file=file)
+    # a rate without a column: rows are counted
     counted = column if "column" in entry else None
     return TimeColumn(counted, rate=float(rate), file=file)
 
@@ -258,6 +265,7 @@ def _transmission(entry: Mapping[str, Any], n_joints: int) -> np.ndarray:
         matrix = np.array(rows, dtype=float)
     else:
         ratios = _per_joint(entry["ratios"], n_joints, "transmission.ratios")
+        # each motor on its own joint with its ratio, then what turns with another joint
         matrix = np.diag(np.array(ratios, dtype=float))
         where = "field import.transmission.coupling"
         matrix = coupled(matrix, entry.get("coupling", []), where)
@@ -299,6 +307,7 @@ def _channel(name: str, entry: Any, n_joints: int) -> Channel | None:
                 "give motor_constant: [...] in N m/A per joint, and gear_ratio: [...] unless the constants are those "
                 "of the joints' side already",
             )
+        # without a ratio the constants are those of the joint's side already
         factor = factor * (number("motor_constant") * number("gear_ratio"))
     elif "motor_constant" in entry or "gear_ratio" in entry:
         raise _fault(
@@ -360,6 +369,7 @@ def _calibration(path: Path) -> dict[str, tuple[float, float]]:
             )
         span = (high - low) * 2 * np.pi / STEPS_PER_TURN
         from_zero = name.endswith(GRIPPER)
+        # from 0 to 100 of a gripper, from -100 to 100 of the others: zero in the middle
         factor, offset = (span / 100, -span / 2) if from_zero else (span / 200, 0.0)
         sign = -1.0 if given["drive_mode"] else 1.0
         found[name] = (sign * factor, sign * offset)

@@ -68,6 +68,7 @@ def schema_fault(
 
     form = schema(name)
     if section:
+        # one section by itself still refers to the definitions of the whole
         form = {"$defs": form["$defs"], **form["properties"][section]}
     return best_match(Draft202012Validator(form).iter_errors(content))
 
@@ -97,6 +98,7 @@ def plain(value: Any, *, null_if_not_finite: bool = False) -> Any:
         return {key: convert(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
         return [convert(entry) for entry in value]
+    # NumPy's own numbers are no numbers of JSON
     if isinstance(value, np.generic):
         value = value.item()
     if null_if_not_finite and isinstance(value, float) and not math.isfinite(value):
@@ -132,6 +134,7 @@ def write_json(content: Any, path: Path | str, *, private: bool = False) -> None
     """
     text = to_json(content)
     with atomic_write(path) as aside:
+        # before anything is in it, so that nobody else reads half of it
         aside.touch(mode=0o600 if private else 0o644)
         aside.write_text(text, encoding="utf-8")
 

@@ -48,6 +48,7 @@ UNITS = {
 
 def with_sign(raw: np.ndarray, bit: int) -> np.ndarray:
     """Whole numbers whose bit says the sign of what is below it, as numbers."""
+    # 1 if the sign's bit is set, 0 if not
     turned, magnitude = np.divmod(raw, 2.0**bit)
     return np.asarray(np.where(turned == 1, -magnitude, magnitude))
 
@@ -86,6 +87,7 @@ def joints_in(pattern: str, columns: Iterable[str]) -> list[str]:
     if mark == "{joint}":
         return found
     counted: list[str] = []
+    # a number stands for a joint only if all before it are there
     while (number := name_of(mark, len(counted), "")) in found:
         counted.append(number)
     return counted
@@ -146,6 +148,7 @@ class Layout:
         """Whether a table has the positions, the time and the marks of this layout."""
         entry = self.time
         time = entry.get("column") if isinstance(entry, Mapping) else entry
+        # names of positions alone are too common: a mark says whose log it is
         named = [mark for mark in self.marks if joints_in(mark, table.columns)]
         timed = (time or "t") in table.columns
         marked = bool(named) or not self.marks

@@ -81,6 +81,7 @@ def fitted_parts(entry: Entry, importing: Import) -> list[Part]:
         return [Part(entry, rows) for rows in importing.fit or (None,)]
     topic = importing.topic
     episodes = importing.fit_episodes or dataset_episodes(entry)
+    # a topic may also name one episode
     named = [k for k in episodes if topic in (None, episode_name(k))]
     return [Part(entry, episode=episode) for episode in named]
 
@@ -139,6 +140,7 @@ def load_recording(
     """
     reader = _Reader(path, arm, importing or Import(), episode)
     held, notes = reader.tables(complete), reader.notes
+    # before rows are cut: time counts from the first row of the log
     begun = reader.first_stamp(held[0][0])
     if rows is not None:
         held = [
@@ -146,14 +148,17 @@ def load_recording(
             (x.part(*rows) if not k or reader.by_row(x) else x, channels)
             for k, (x, channels) in enumerate(held)
         ]
+    # before anything is computed, so that messages name lines of the file
     held = reader.sound(held)
     main = held[0][0]
     t = reader.time(main, any_unit=any_unit)
     t, values = reader.channels(t, held)
     if not every_row:
+        # first what a logger wrote twice: such rows hide that the others are even
         repeated, found = repeated_rows(t, values)
         t, values = without_rows(repeated, t, values)
         notes += found
+        # only with rows dropped: a log that lost none keeps its stamps
         even = even_stamps_of_rows(t, values["q"]) if repeated.any() else None
         if even is not None:
             t = even
@@ -168,6 +173,7 @@ def load_recording(
     for series in (t, *values.values()):
         series.setflags(write=False)
     name = main.path.name
+    # an episode of several is told by its name
     if is_dataset(main.path) and len(reader.log.tables) == 1:
         name += f" {reader.log.tables[0].name}"
     if rows is not None:
@@ -176,8 +182,10 @@ def load_recording(
     recording = Recording(name, t, payload=payload, begun=begun, **channels)
     mend = reader.importing.mend
     if mend is not None:
+        # its time was put right as the stamps were read
         mend = mend.of_right_time
         recording = (mend.of_every_row if every_row else mend)(recording, arm)
+    # after the mending: positions in their own unit and on their own side
     notes += check_positions(recording, arm, main, any_unit=any_unit)
     if not every_row:
         notes += held_notes(recording) + step_notes(recording)
@@ -199,6 +207,7 @@ def recording_of_columns(
     """
     length = len(next(iter(columns.values()), ()))
     table = Table(Path(name), columns, range(1, length + 1), kind="columns")
+    # any unit: arrays in memory are diagnosed for their set-up, too
     return load_recording(Log(table.path, "columns", (table,)), arm, any_unit=True)
 
 
@@ -248,6 +257,8 @@ class _Reader:
         self.log = self.logs[label]
         channel = importing.channels["q"]
         assert channel is not None
+        # a file of the case format is read as such,
+        # unless the case's columns are there too
         if len(self.log.tables) == 1:
             columns = self.log.tables[0].columns
             names = map(self.log.tables[0].named, channel.names(arm.joints))
@@ -271,6 +282,7 @@ class _Reader:
             InputError: a channel that is needed is missing, or the unit of a dataset's positions is not stated.
         """
         main, q = self._positions()
+        # small numbers may be degrees, radians or normalised alike
         if main.kind == LEROBOT and not q.unit:
             raise InputError(
                 "a LeRobot dataset does not say whether its positions are degrees, radians or normalised",
@@ -282,11 +294,13 @@ class _Reader:
         for name, channel in self.importing.channels.items():
             if channel is None or name == "q":
                 continue
+            # a torque is asked for by default, others only if the case names them
             required = complete and (channel.named or name == "tau")
             if channel.file not in self.logs:
                 if required:
                     raise self._missing_file(name, channel.file)
                 continue
+            # notes from here on say why it was left out
             said = len(self.notes)
             found = self._other(name, channel, main)
             if found is None:
@@ -298,10 +312,12 @@ class _Reader:
                 # units of other channels are known to the recording robot alone
                 if not (own.named or name == "q_ref"):
                     continue
+                # the reference of a dataset is its action, in the unit of the positions
                 if name == "q_ref" and not own.unit:
                     factor = own.factor * UNITS.get(q.unit, 1.0)
                     own = replace(own, unit=q.unit, factor=factor)
             own = self._calibrated(name, own)
+            # one table, several channels: it is joined once
             same = [channels for other, channels in held if other is table]
             if same:
                 same[0][name] = own
@@ -332,6 +348,7 @@ class _Reader:
         names = list(dict.fromkeys(table.name for table, _ in full))
         if len(names) > 1:
             raise _several(log, names, "q")
+        # the same topic may give tables of several sets of joints: the longest
         table, own = max(full, key=lambda pair: len(pair[0]))
         if own.by_order:
             self.notes.append(
@@ -362,6 +379,7 @@ class _Reader:
         """
         log = self.logs[channel.file]
         tables = _named_tables(log, channel.topic or None)
+        # the table of the positions needs no joining: it comes first
         tables = sorted(tables, key=lambda t: (t is not main, _rank(t.kind)))
         found = [(table, self._columns(table, name, channel)) for table in tables]
         whole = [(table, own) for table, own in found if own is not None]
@@ -375,6 +393,7 @@ class _Reader:
             if len(topics) > 1:
                 raise _several(log, topics, name)
             return table, own
+        # what nobody named is only joined if nothing speaks against it
         if len(topics) > 1:
             said = f"{name} left out: on several topics, {', '.join(topics)}"
         else:
@@ -396,6 +415,7 @@ class _Reader:
         if not np.isfinite(np.asarray(values, dtype=float)).all():
             return "it is not finite throughout"
         t, stamps = main.columns[time], table.columns[time]
+        # a table that covers a part of the motion would cut the recording to it
         covered = float(np.mean((t >= stamps[0]) & (t <= stamps[-1])))
         return (
             "" if covered >= MIN_OVERLAP else f"it covers {covered:.0%} of the motion"
@@ -407,6 +427,7 @@ class _Reader:
         Of columns that the case names some may be missing; of a known layout those of all joints have to be there.
         """
         layout, column = layout_of_kind(table.kind), channel.column
+        # columns of the case, else those of the known layout
         if layout is None or channel.placed:
             if isinstance(column, str) and "{joint}" in column:
                 channel = self._of_pattern(table, column, channel)
@@ -428,6 +449,7 @@ class _Reader:
         joints = self.importing.joints or self.arm.joints
         by_order: tuple[str, ...] = ()
         there = tuple(joints_in(pattern, table.columns))
+        # other names but as many: the joints of a log in their order
         foreign = not set(there) & set(joints) and len(there) == len(joints)
         known = layout_of_kind(table.kind) is not None
         if foreign and known and self.importing.joints is None:
@@ -478,6 +500,7 @@ class _Reader:
         other = self.logs[label].tables[0]
         if len(other) != len(main):
             raise _other_rows(other, main, "give a file of the time with the same rows")
+        # a column of one more name: the cells of another file, row by row
         name = f"{column} of {other.path.name}"
         timed = replace(main, columns={**main.columns, name: other.cells(column)})
         time = replace(self.importing.time, column=name)
@@ -545,6 +568,7 @@ class _Reader:
                 for name in each.names(self.arm.joints)
             ]
             found.append(damage(table, columns, time))
+            # by row: a row that one of them lacks is lost to all
             beside.append(
                 table is main or (self.by_row(table) and len(table) == len(main))
             )
@@ -552,6 +576,7 @@ class _Reader:
         for own, joined in zip(found[1:], beside[1:], strict=True):
             shared = shared | own if joined else shared
         sound: Held = []
+        # what is joined by time may lose rows of its own
         for (table, channels), own, joined in zip(held, found, beside, strict=True):
             lost = shared if joined else own
             said = lost.notes(table)
@@ -562,6 +587,7 @@ class _Reader:
 
     def first_stamp(self, table: Table) -> float:
         """Time of the first row of a log that has one [s]; 0 if none has."""
+        # rows at the beginning may be cut or empty
         for row in range(len(table)):
             with suppress(InputError):
                 return float(self._stamps(table.part(row, row))[0])
@@ -587,6 +613,7 @@ class _Reader:
         time, rows = self.importing.time, table.row_numbers
         count = np.asarray(rows) if time.column is None else table.numbers(time.column)
         t = count / time.rate if time.rate is not None else count * time.factor
+        # stamps of this file alone may be wrong, which the mending names
         mend = self.importing.mend
         return t if mend is None else mend.true_time(t, table.path.name)
 
@@ -602,6 +629,7 @@ class _Reader:
         """Time [s], (N,), and channels in SI units on the joint side, (N, n) each, where all tables have them."""
         values: dict[str, np.ndarray] = {}
         main = held[0][0]
+        # the rows that all tables cover
         inside = np.ones(len(main), dtype=bool)
         for table, channels in held:
             for name, channel in channels.items():
@@ -625,12 +653,14 @@ class _Reader:
                 the arm.
         """
         arm, names = self.arm, channel.names(self.arm.joints)
+        # cells that hold lists: one column for all joints
         listed = len(names) == 1 and arm.n_joints > 1
         if listed:
             values = table.numbers(names[0], arm.n_joints)
         else:
             values = np.column_stack([table.numbers(name) for name in names])
         if channel.sign_bit is not None:
+            # whole numbers with a sign bit are never below zero
             if (values < 0).any():
                 raise InputError(
                     f"{', '.join(names)}: negative numbers have their sign already",
@@ -681,6 +711,7 @@ class _Reader:
             check_runs_forward(time, table, self.importing.time.column or "time")
         else:
             time = self.time(table)
+        # a value that is held reaches beyond the last stamp, a curve does not
         covered = (t >= time[0]) & ((t <= time[-1]) | (self.importing.join == "hold"))
         if not covered.any():
             raise InputError(
@@ -690,6 +721,7 @@ class _Reader:
                 file=table.path,
             )
         if self.importing.join == "hold":
+            # before the first of its stamps nothing is held: those rows are cut
             last = np.searchsorted(time, t, side="right") - 1
             return values[np.maximum(last, 0)], covered
         # straight lines would look like the set points of a slow controller; PCHIP does not overshoot steps
@@ -709,6 +741,7 @@ def _log(file: str | Path | Log, episode: int | None, importing: Import) -> Log:
     path = Path(file)
     if not is_dataset(path):
         return open_log(path)
+    # of parts that are asked for one by one, only that episode is read
     named = (*importing.fit_episodes, *importing.judge_episodes) or None
     return read_dataset(path, named if episode is None else [episode])
 
@@ -758,6 +791,7 @@ def joined_in_time(recordings: Sequence[Recording]) -> list[Recording]:
         # by the clock of both
         begin = other.begun + other.t[0]
         steps = [(one, begin - (one.begun + one.t[-1])) for one in out]
+        # a recorder begins the next file within a few periods
         ended = [one for one, step in steps if 0.0 < step <= GAP_STEPS / one.rate]
         if ended:
             later = other.begun - ended[0].begun

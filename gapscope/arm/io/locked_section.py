@@ -43,6 +43,7 @@ def locked(folder: Path | None) -> Iterator[None]:
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        # not waited for: the other run may take hours
         lock.acquire(timeout=0)
         file.write_text(json.dumps(run), encoding="utf-8")
     except Timeout:

@@ -60,6 +60,7 @@ def open_log(path: str | Path) -> Log:
         # whatever it is: what is no regular file is refused by name
         if os.path.lexists(path / METADATA):
             return read_bag(path)
+        # a folder of loose files: which of them may be meant
         logs = [x.name for x in bag_files(path) if x.suffix.lower() in READERS]
         raise InputError(
             f"is a folder with neither {METADATA} of a rosbag2 nor {INFO} of a LeRobot dataset",
@@ -83,6 +84,7 @@ def check_no_log(path: Path) -> None:
     Raises:
         InputError: it is a log, or the folder of one.
     """
+    # a case may lie in the folder of its bag
     case = os.path.lexists(path / "case.yaml")
     bag = os.path.lexists(path / METADATA) or is_dataset(path)
     if path.suffix.lower() in READERS or (bag and not case):

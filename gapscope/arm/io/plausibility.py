@@ -60,6 +60,7 @@ def even_stamps_of_rows(t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
         q: positions [rad], (N, n).
     """
     steps = np.diff(t)
+    # a step of two periods is a lost row, of which stamps and rows differ
     if len(t) < 4 or steps.max() > LOST_SAMPLE_STEP * np.median(steps):
         return None
     rows = np.arange(len(t), dtype=float)
@@ -76,6 +77,7 @@ def sample_count(t: np.ndarray) -> np.ndarray:
     periods = np.diff(t) / np.median(np.diff(t))
     rounded = np.maximum(np.round(periods), 1.0)
     single = np.where(periods > LOST_SAMPLE_STEP, rounded, 1.0)
+    # three ways to count, and the one that leaves the clock most even
     choices = (single, rounded, np.ones_like(periods))
     counts = [np.concatenate([[0.0], np.cumsum(steps)]) for steps in choices]
     return min(counts, key=lambda count: float(np.std(_wander_free(t, count))))
@@ -115,6 +117,7 @@ def _wander_free(t: np.ndarray, count: np.ndarray) -> np.ndarray:
     slope, start = np.polyfit(count, t, 1)
     error = (t - start - slope * count) / slope
     kernel = np.ones(min(CLOCK_WANDER_SAMPLES, len(error)))
+    # at the ends fewer samples are in the mean
     inside = np.convolve(np.ones(len(error)), kernel, "same")
     return error - np.convolve(error, kernel, "same") / inside
 
@@ -164,6 +167,7 @@ def check_runs_forward(t: np.ndarray, table: Table, column: str) -> None:
             file=table.path,
         )
     usual = float(np.median(step[step > 0]))
+    # one stamp far ahead would stretch all that is computed over time
     wide = int(step.argmax())
     if step[wide] > LONGEST_GAP * usual:
         raise InputError(
@@ -212,6 +216,7 @@ def unit_of_stamps(rate: float, duration: float) -> str:
         duration: from the first to the last, taken as s [s].
     """
     low, high = PLAUSIBLE_RATES
+    # seconds first, else the finest unit would always do
     for unit in ("s", "ms", "us", "ns"):
         factor = UNITS[unit]
         lasts = unit == "s" or duration * factor >= SHORTEST_LOG
@@ -259,6 +264,7 @@ def check_positions(
                 file=table.path,
                 where=f"column q{j + 1}",
             )
+        # an arm with another zero is a little beyond its limits: noted, not refused
         if low < lower - 0.1 * size or high > upper + 0.1 * size:
             notes.append(f"{range_text}: check unit, offset and order of the joints")
     return tuple(notes)
@@ -287,6 +293,7 @@ def without_turns(
     out = dict(values)
     for name, x in positions.items():
         steady = np.unwrap(x, axis=0)
+        # the turn nearest to zero, by the middle of the whole way
         middle = (steady.max(axis=0) + steady.min(axis=0)) / 2
         steady = steady - 2 * np.pi * np.round(middle / (2 * np.pi))
         out[name] = np.where(counted, steady, x)
@@ -310,12 +317,14 @@ def repeated_rows(
             f"rows dropped that repeat the time stamp before them: {stamp.sum()}"
         )
     stale = np.zeros(len(t), dtype=bool)
+    # positions alone repeat themselves as often as the encoder is coarse
     if "dq" in values or "tau" in values:
         same = np.r_[False, np.ones(len(t) - 1, dtype=bool)]
         for name in ("q", "dq", "tau", "tau_sensor"):
             if name in values:
                 same[1:] &= (values[name][1:] == values[name][:-1]).all(axis=1)
         for rows in runs(same):
+            # at most three rows, and something moves on after them: else the arm rests
             stale[rows] = rows.stop - rows.start <= 3 and rows.stop < len(t)
     stale &= ~stamp
     if stale.any():
@@ -331,6 +340,7 @@ def untrusted_torque(
     for name in ("tau", "tau_sensor"):
         if name not in kept:
             continue
+        # a driver that was asked for no torque writes zeros
         silent = (kept[name] == 0).all(axis=0)
         if silent.all():
             notes.append(f"{name} is zero throughout and was left out")
@@ -352,6 +362,7 @@ def _is_unsigned(q: np.ndarray, tau: np.ndarray) -> bool:
     if (tau < 0).any():
         return False
     step = np.diff(q, axis=0)
+    # steps that tell a direction, not the noise of an encoder
     moving = np.abs(step) > 0.05 * np.abs(step).max(axis=0)
     forward = (moving & (step > 0)).sum(axis=0)
     forward_share = forward / np.maximum(moving.sum(axis=0), 1)
@@ -409,15 +420,18 @@ def without_spikes(
         if name not in values or not (np.abs(values[name]) < LARGEST_NUMBER).all():
             continue
         low, high = np.quantile(values[name], (TAIL, 1 - TAIL), axis=0)
+        # the standard deviation by two quantiles, on which spikes have no hold
         deviation = (low - high) / (2 * ndtri(TAIL))
         least = SPIKE_DEVIATIONS * deviation
         if name == "q":
+            # one sample that is off by d asks for an acceleration of 2 d / h^2
             least = 0.5 * IMPOSSIBLE_ACCELERATION * step**2 * per_radian
         for j, series in enumerate(values[name].T):
             rows = spikes(series, float(least[j]), ends=name == "q")
             absurd = np.abs(series[rows] - np.median(series)) > ABSURD * deviation[j]
             if not len(rows) or absurd.any():
                 continue
+            # copied once, when the first spike is found
             if out[name] is values[name]:
                 out[name] = values[name].copy()
             out[name][:, j] = _bridged(t, series, rows)
@@ -431,6 +445,7 @@ def spikes(series: np.ndarray, least: float, *, ends: bool = True) -> np.ndarray
     ``ends``: whether the first and last two samples may be some.
     """
     bends = np.abs(np.diff(series, n=2))
+    # resting rows have none: the usual one is of those that change
     usual = float(np.median(bends[bends > 0])) if bends.any() else 0.0
     threshold = max(least, SPIKE_ROUGHNESS * usual)
     none = np.zeros(0, dtype=int)
@@ -489,7 +504,9 @@ def stuck_rows(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, tuple[str, ...
     stuck = np.zeros(q.shape, dtype=bool)
     for j, series in enumerate(q.T):
         starts, stops = kept_values(series)
+        # the leap at the end of each run of one value
         leap = np.abs(np.diff(series[starts], append=series[-1]))
+        # the last run ends with the recording, and leaps nowhere
         usual = np.median(leap[:-1]) if len(leap) > 1 else np.inf
         long = t[stops - 1] - t[starts] >= STUCK_TIME
         for place in np.flatnonzero(long & (leap > LEAP * usual)):
@@ -522,9 +539,11 @@ def put_right(
         every_row: leave spikes and rows that are stuck as they are.
     """
     notes: list[str] = []
+    # turns first: they would look like stuck encoders that leap
     for mend in (without_turns, untrusted_torque):
         values, found = mend(values)
         notes += found
+    # spikes before stuck rows: a spike ends a run of one value
     if not every_row:
         values, found = without_spikes(t, values, per_radian)
         stuck, said = stuck_rows(t, values["q"])

@@ -46,6 +46,7 @@ def read_records(path: Path, types: Iterable[type]) -> Any:
 
 def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
     if isinstance(value, np.ndarray):
+        # arrays go beside the text, which names them by their place
         arrays.append(value)
         return {"array": f"array{len(arrays) - 1}"}
     if is_dataclass(value):
@@ -53,6 +54,7 @@ def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
         parts = {name: _packed(getattr(value, name), arrays) for name in names}
         return {"record": type(value).__name__, "parts": parts}
     if isinstance(value, Mapping):
+        # pairs, since keys may be other things than texts
         return {"items": [_packed(pair, arrays) for pair in value.items()]}
     if isinstance(value, tuple):
         return {"tuple": [_packed(one, arrays) for one in value]}
@@ -73,6 +75,7 @@ def _unpacked(
     if "record" in value:
         parts = value["parts"].items()
         made = {name: _unpacked(part, arrays, types) for name, part in parts}
+        # by name, out of those that the caller allows
         return types[value["record"]](**made)
     (kind, parts) = next(iter(value.items()))
     every = [_unpacked(one, arrays, types) for one in parts]

@@ -95,6 +95,7 @@ class Table:
         """The rows of a mask, (N,), or of a slice."""
 
         def chosen(cells: Any) -> Any:
+            # cells are arrays, lists or tuples, and rows a mask or a slice
             if isinstance(cells, np.ndarray) or isinstance(rows, slice):
                 return cells[rows]
             return list(compress(cells, rows.tolist()))
@@ -136,11 +137,13 @@ class Table:
     def values(self, column: str) -> np.ndarray:
         """One column as numbers, (N,), or of lists, such as ``[0.1, 0.2]``, (N, L); nan where a cell is none."""
         cells = self.columns[column]
+        # nearly all columns are numbers throughout: one call
         with suppress(ValueError, TypeError):
             found = np.asarray(cells, dtype=float)
             if len(found) == len(self):
                 return found
         parsed = [_number(cell) for cell in cells]
+        # the usual shape: a broken cell among lists of seven is none of them
         usual = Counter(x.shape for x in parsed if x.size != 1 or np.isfinite(x).all())
         shape = usual.most_common(1)[0][0] if usual else ()
         none = np.full(shape, np.nan)
@@ -161,7 +164,9 @@ class Table:
         column = self.named(column)
         values = self.values(column)
         wanted = () if length is None else (length,)
+        # so written that nan fails as well
         wrong = np.flatnonzero(~(self.sizes(column) <= LARGEST_NUMBER))
+        # another width is wrong from the first row on
         if values.shape[1:] != wanted:
             wrong = np.arange(1)
         if not len(wrong):
@@ -225,6 +230,7 @@ def numbered(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def runs(mask: np.ndarray) -> list[slice]:
     """Each run of true values, one after the other, of a mask (N,)."""
+    # an edge before each run and after it
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
     return [slice(*ends) for ends in edges.reshape(-1, 2).tolist()]
 
@@ -303,6 +309,7 @@ class Damage:
         """That of both, row by row."""
         bad = self.bad | other.bad
         first = {**other.first, **self.first}
+        # a row that is bad in one column is no pause, whatever it lacks in others
         return Damage(bad, (self.empty | other.empty) & ~bad, first)
 
     @property
@@ -334,6 +341,7 @@ class Damage:
             return ()
         pauses, scattered = self.pauses, self.scattered
         count, total = int(scattered.sum()), len(scattered)
+        # one row may be broken in the shortest of logs
         if count > max(1, MAX_DAMAGED * total) or not self.sound.any():
             raise self._error(table)
         notes = []
@@ -391,9 +399,12 @@ def damage(table: Table, columns: Iterable[str], time: str | None = None) -> Dam
             continue
         sizes = table.sizes(column)
         with np.errstate(invalid="ignore"):
+            # stamps in nanoseconds are larger than any quantity of a joint
             wrong = ~(sizes <= (LARGEST_NUMBER if column == time else BEYOND))
         lacking = wrong & np.isnan(sizes)
         cells = table.columns[column]
+        # an empty cell is a lack, a text is damage;
+        # numbers in arrays are nan either way
         if not isinstance(cells, np.ndarray):
             texts = np.flatnonzero(lacking)
             said = [str(cells[row] or "").strip().lower() for row in texts]
@@ -401,6 +412,7 @@ def damage(table: Table, columns: Iterable[str], time: str | None = None) -> Dam
         found[0] |= wrong & ~lacking
         found[1] |= lacking
         for row in np.flatnonzero(wrong)[:FORMULATED].tolist():
+            # the first column that is wrong tells what is wrong with a row
             if row not in first:
                 first[row] = f"{table.where(row, column)}: {table.fault(row, column)}"
     # a row that is cut lacks all values
@@ -421,9 +433,11 @@ def without_damage(table: Table) -> Table:
         large = np.isfinite(sizes).any() and np.nanmedian(sizes) > BEYOND
         own = damage(table, () if large else (column,), column if large else None)
         lost = ~own.sound
+        # column by column: one that is empty throughout is no damage of the others
         few = own.scattered.sum() <= max(1, MAX_DAMAGED * len(table))
         if few and 2 * lost.sum() < len(table):
             found |= own
+    # too many together: all rows stay, and the reader of a case will say so
     try:
         notes = found.notes(table)
     except InputError:

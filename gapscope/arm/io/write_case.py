@@ -172,9 +172,11 @@ def _file_names(labels: Iterable[str], ending: str) -> list[str]:
     """A file name for each recording, all different."""
     names: list[str] = []
     for label in labels:
+        # "robot_1.csv rows 0-99" and the like: no ending within the name, no blanks
         plain = re.sub(r"\.(csv|tsv|txt|parquet|npz|db3|mcap|h5|hdf5|mat)\b", "", label)
         stem = re.sub(r"\W+", "_", plain).strip("_") or "recording"
         first = f"{stem}.{ending}"
+        # two labels may differ only in signs that a file name cannot have
         numbered = [n for n in names if n == first or n.startswith(f"{stem}__")]
         name = f"{stem}__{len(numbered) + 1}.{ending}" if numbered else first
         names.append(name)

@@ -48,6 +48,7 @@ def working_posture(kinematics: Kinematics, limits: Limits) -> np.ndarray:
     if kinematics.n_joints < LEAST_JOINTS:
         return middle
     size = (CANDIDATES, kinematics.n_joints)
+    # fixed seeds: an arm works about the same posture in every run
     shifts = np.random.default_rng(0).uniform(-SPREAD, SPREAD, size)
     # about half of the joints stay in the middle
     shifts[np.random.default_rng(1).random(size) < 0.5] = 0.0
@@ -56,6 +57,7 @@ def working_posture(kinematics: Kinematics, limits: Limits) -> np.ndarray:
         distance_from_middle = np.mean(shift**2) / SPREAD**2
         scores.append(_score(kinematics, middle + shift * span) - distance_from_middle)
     best = shifts[int(np.argmax(scores))]
+    # two digits, as a person would give a posture
     return np.round(middle + best * span, 2)
 
 
@@ -67,6 +69,7 @@ def _score(kinematics: Kinematics, q: np.ndarray) -> float:
     upwards = rotation[2, 2]
     height_error = abs(position[2] / distance - 0.5)
     singular = np.linalg.svd(kinematics.tool_jacobian(q), compute_uv=False)
+    # the worst direction over the best: 0 in a singular posture
     dexterity = singular[-1] / max(singular[0], np.finfo(float).eps)
     return float(in_front - upwards - height_error + 2 * dexterity)
 
@@ -129,6 +132,7 @@ def weld_seam(
 
         return Curve(along, duration)
 
+    # the path does not depend on the duration: its limits are checked first
     s = np.linspace(0.0, 1.0, CHECKS)
     q = path(s)
     outside = ((q < limits.lower - 1e-9) | (q > limits.upper + 1e-9)).any(axis=0)
@@ -137,10 +141,13 @@ def weld_seam(
             f"joint {int(outside.argmax()) + 1} would leave its limits along the seam",
             "choose a shorter seam, or another posture to start from",
         )
+    # scaled in time: peaks of a motion of one second say how long it has to take
     once = lasting(1.0)
     fast, bend = np.abs([once.velocity(s), once.acceleration(s)]).max(axis=1)
     # a little longer, for what happens between the points
     by_joints = 1.001 * shortest(fast, bend, limits)
+    # s' is 1 / (1 - RAMP) at its middle, so that
+    # the tool is that much faster than on average
     by_tool_speed = length / speed / (1 - RAMP)
     return lasting(max(by_joints, by_tool_speed, SHORTEST))
 
@@ -152,6 +159,8 @@ def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> B
     knots = [np.asarray(start, dtype=float)]
     for share in shares[1:]:
         target = Pose(at_start.position + share * way, at_start.rotation)
+        # each knot from the one before: of several
+        # solutions the near one, without leaps
         knots.append(inverse_kinematics(kinematics, target, knots[-1]))
     return make_interp_spline(shares, np.array(knots), k=5)
 
@@ -247,6 +256,7 @@ def draw_motion(
     limits, q = space.limits, space.posture
     if name == "fourier":
         frequency = float(rng.uniform(0.1, 0.3))
+        # about the posture as far as there is room
         shift = rng.uniform(-0.2, 0.2, len(q)) * _room_to_limits(space)
         return Fourier.random(
             rng,
@@ -320,6 +330,7 @@ def _leg(
         direction = np.array([np.cos(angle), np.sin(angle), 0.0])
     start, line = _draw_straight_line(rng, space, direction, speed)
     parts: list[Timed] = [*_move_and_rest(now, start, space.limits)]
+    # an object is lifted the way that it was come down to
     for way in (line,) if kind == "seam" else (line, backwards(line)):
         end = _end(way)
         parts += [way, point_to_point(end, end, DWELL)]
@@ -347,6 +358,7 @@ def _draw_straight_line(
     """A posture and a line from it, of 10 to 30 % of the tool's distance from the base, that keeps the limits."""
     reach = float(np.linalg.norm(space.kinematics.tool(space.posture).position))
     problem = GapscopeError("no line was drawn")
+    # many lines leave the limits or the reach: others are drawn
     for _ in range(DRAWS):
         start = _draw_posture(rng, space)
         way = direction * rng.uniform(0.1, 0.3) * reach

@@ -127,6 +127,7 @@ def urdf_limits(
     )
 
 
+# values at both ends with three derivatives of zero
 _WINDOW = BPoly(np.repeat([0.0, 1.0], 4)[:, None], [0, 1])
 """35 x^4 - 84 x^5 + 70 x^6 - 20 x^7 by its Bernstein coefficients."""
 
@@ -195,6 +196,7 @@ class Fourier(Timed):
                 where="centre",
             )
         harmonics = np.arange(1, order + 1)[:, None]
+        # 1 / k: high harmonics would make accelerations and no way
         sine, cosine = rng.standard_normal((2, order, len(centre))) / harmonics
         unit = cls(np.zeros_like(centre), sine, cosine, frequency, duration, ramp)
         # the motion is linear in its coefficients, so the tightest limit gives their scale
@@ -208,12 +210,14 @@ class Fourier(Timed):
     def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
         """By the product rule of window and series."""
         out = np.zeros((len(t), len(self.centre)))
+        # Leibniz: sum over k of (order over k) w^(order - k) s^(k)
         for k in range(order + 1):
             out += comb(order, k) * self._window(t, order - k) * self._series(t, k)
         return out if order else self.centre + out
 
     def _series(self, t: np.ndarray, derivative: int) -> np.ndarray:
         omega = 2 * np.pi * self.frequency * np.arange(1, len(self.sine) + 1)
+        # each derivative turns the phase by a quarter and multiplies by the frequency
         phase = np.multiply.outer(t, omega) + derivative * np.pi / 2
         gain = omega[:, None] ** derivative
         return np.sin(phase) @ (gain * self.sine) + np.cos(phase) @ (gain * self.cosine)
@@ -240,6 +244,7 @@ class Curve(Timed):
 
     def derivative(self, t: np.ndarray, order: int) -> np.ndarray:
         """That of the curve; 0 outside."""
+        # at rest beyond its ends, in position too
         found = self.of(np.clip(t, 0.0, self.duration), order)
         inside = (t >= 0) & (t <= self.duration)
         return found * inside[:, None] if order else found
@@ -259,6 +264,7 @@ def point_to_point(start: np.ndarray, end: np.ndarray, duration: float) -> Curve
     """
     if not duration > 0:
         raise InputError(f"{duration} s is not a positive duration", where="duration")
+    # three coefficients at either end: no velocity and no acceleration there
     ends = np.repeat([start, end], 3, axis=0)
     return Curve(BPoly(ends[:, None], [0.0, duration]), duration)
 
@@ -279,6 +285,7 @@ def fastest(start: np.ndarray, end: np.ndarray, limits: Limits) -> Curve:
                 where=f"{label}, joint {joint + 1}",
             )
     way = np.abs(end - start)
+    # of the way, by s' = 15/8 and s'' = 10 / sqrt 3 at most
     least = shortest(PEAK_SPEED * way, PEAK_ACCELERATION * way, limits)
     return point_to_point(start, end, max(least, SHORTEST))
 
@@ -293,6 +300,7 @@ SHORTEST = 0.1
 
 def shortest(speed: np.ndarray, acceleration: np.ndarray, limits: Limits) -> float:
     """Shortest duration [s] within limits of a motion that has these peaks if it lasts for one second, (n,) each."""
+    # T times as long: velocity falls with T, acceleration with T^2
     by_acceleration = np.sqrt(acceleration / limits.acceleration)
     return float(np.maximum(speed / limits.velocity, by_acceleration).max())
 
@@ -363,6 +371,8 @@ class Sampled(Timed):
     def curve(self) -> Curve:
         """By the Bernstein coefficients of all steps at once, from both ends inwards."""
         m, h = self.motion, np.diff(self.motion.t)[:, None]
+        # a quintic's coefficients q, q + h dq / 5,
+        # q + 2 h dq / 5 + h^2 ddq / 20, and back
         speed, bend = m.dq / 5, m.ddq / 20
         start = [
             m.q[:-1],
@@ -410,6 +420,7 @@ def chain(parts: Sequence[Timed]) -> Curve:
 
     def joined(t: np.ndarray, order: int) -> np.ndarray:
         """That of the part at each time."""
+        # the last part also takes what lies beyond its end, where it rests
         part_of = np.searchsorted(ends[:-1], t, side="right")
         out = np.empty((len(t), parts[0].position(np.zeros(1)).shape[1]))
         for index in np.unique(part_of):

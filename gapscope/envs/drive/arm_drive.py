@@ -69,6 +69,7 @@ def teeth(
     """
     w = 2 * np.pi * TOOTH_FREQUENCY
     total = np.maximum(inertia + link_inertia, 1e-300)
+    # motor and link swing against each other with this inertia
     reduced = inertia * link_inertia / total
     return w**2 * reduced, 2 * TOOTH_DAMPING * w * reduced
 
@@ -118,12 +119,14 @@ class TwoMass:
                 where=of_quantity(what)[0].name,
             )
         rigid_gear = self.joints & (k == 0)
+        # of a gear with play alone the closed teeth are the spring
         if rigid_gear.any():
             tooth_stiffness, tooth_damping = teeth(inertia, link_inertia)
             k = np.where(rigid_gear, tooth_stiffness, k)
             d = np.where(rigid_gear, tooth_damping, d)
         self.stiffness, self.damping = k, d
         self._rigid = ~self.joints
+        # 1 on rigid joints, whose motors follow anyway: nothing is divided by zero
         self._inertia = np.where(self.joints, inertia, 1.0)
         self._plays = bool(self._width.any())
         self._tight = self._width == 0
@@ -145,6 +148,7 @@ class TwoMass:
         if not self._plays:
             return elastic_torque(twist, rate, self.stiffness, self.damping)
         wound = through_backlash(twist, self._width)
+        # within the play nothing touches, and nothing damps
         closed = (wound != 0) | self._tight
         torque = elastic_torque(wound, rate * closed, self.stiffness, self.damping)
         # the damper may not pull teeth apart
@@ -171,9 +175,11 @@ class TwoMass:
         momentum = applied - through
         momentum *= dt
         momentum += self._inertia * self.velocity
+        # dry friction takes momentum up to its limit, and at most stops the motor
         moving = np.abs(momentum)
         moving -= dt * limit
         np.copysign(np.maximum(moving, 0.0, out=moving), momentum, self.velocity)
+        # viscous friction at the velocity after the step, which no step makes unstable
         self.velocity /= self._inertia + dt * viscous
         self.position += dt * self.velocity
 
@@ -190,6 +196,7 @@ POSTURES = 12
 def mass_matrices(body: RigidBody) -> np.ndarray:
     """Mass matrices over postures within the limits [kg m^2], shape (POSTURES, n, n), joints in kinematic order."""
     low, high = body.position_limits()
+    # joints without limits within a turn
     low, high = np.maximum(low, -np.pi), np.minimum(high, np.pi)
     share = np.random.default_rng(0).uniform(size=(POSTURES - 1, body.n_joints))
     postures = np.vstack([np.zeros(body.n_joints), low + share * (high - low)])
@@ -231,9 +238,12 @@ def substeps(
         ("gear_stiffness", stiffness, np.abs(spring), 0.5),
         ("gear_damping", damping, 0.0 * spring, 1.0),
     )
+    # without a motor 1 kg m^2 stands in, on which no spring acts
     on_motors = np.diag(np.where(elastic, rotors, 1.0))
     for mass in masses:
+        # an elastic joint has its rotor on the motor's side
         on_links = mass + np.diag(np.where(elastic, 0.0, rotors))
+        # L^-1 K L^-T is symmetric and has the eigenvalues of M^-1 K, with M = L L^T
         root = np.linalg.inv(np.linalg.cholesky(block_diag(on_links, on_motors)))
         for inside, values, beside, power in kinds:
             k = np.diag(np.where(elastic, values, 0.0))
@@ -242,6 +252,7 @@ def substeps(
             if rates[-1] ** power > worst:
                 worst = float(rates[-1] ** power)
                 shape = np.abs(root.T @ modes[:, -1])
+                # the joint that most takes part in the fastest mode
                 joint = int((shape[:n] + shape[n:] * elastic).argmax())
                 effect, name = of_quantity(inside if elastic[joint] else "stiffness")
                 where = f"{effect.name}.{name}"
@@ -342,6 +353,7 @@ class Encoders(Rows):
 
     def __init__(self, arm: CorrectedArm, step: float) -> None:
         self.on_motor = arm.arm.encoder == "motor"
+        # rounding comes last, behind the noise, and is no law of the position
         laws = [
             (law, values)
             for law, values in arm.of_kind(Sensing)
@@ -360,6 +372,7 @@ class Encoders(Rows):
 
     def undone(self, reading: np.ndarray) -> np.ndarray:
         """Position [rad] at which they, but for rounding and noise, read ``reading`` [rad]."""
+        # the last law first: what was done to the position last is undone first
         for law, values in reversed(self._laws.acting):
             reading = law.true(reading, *values)
         return reading
@@ -428,9 +441,11 @@ class ArmDrive:
         self.corrected.check()
         for applied in effects:
             effect = applied.effect
+            # either all of its parameters are quantities that are solved with the step
             known = effect.quantities.keys() >= set(effect.names)
             in_time = isinstance(effect, Path) and effect.varies_with == "time"
             of_motor = effect.reach == "motor" and not isinstance(effect, DryLaw)
+            # or its law can be asked at a moment, knowing the present state alone
             called = isinstance(effect, OF_ONE_MOMENT) and not (in_time or of_motor)
             if not (known or called):
                 raise InputError(
@@ -444,6 +459,8 @@ class ArmDrive:
             isinstance(e.effect, Inertial) and not e.joints for e in effects
         )
         self.body = self.corrected.body(nominal)
+        # errors of links alone can make bodies that
+        # no torque moves; the message names them
         if changes:
             check_inertia(self.body, ", ".join(changes))
         order = nominal.order

@@ -105,6 +105,7 @@ class Laws(Rows, Generic[K]):
         self.acting = []
         self.joints = np.zeros_like(self.joints)
         for effect, rows in self._known.values():
+            # a parameter that says where or how fast, not how much, makes no law act
             telling = [parameter.severity != 0 for parameter in effect.parameters]
             on = rows[telling].any(axis=0)
             if on.any():
@@ -126,6 +127,7 @@ class Laws(Rows, Generic[K]):
     def put(self, number: int, one: Laws[K]) -> None:
         """Take over the effects of one arm as those of arm ``number``; arms may have different ones."""
         part = slice(number * len(one.joints), (number + 1) * len(one.joints))
+        # what the arm had before is gone
         for _, rows in self.acting:
             rows[:, part] = 0.0
         for effect, values in one.acting:
@@ -151,8 +153,11 @@ def repeated(
     notes = _Notes()
     arguments = [_Noted(notes, np.zeros(size), number) for number in range(count)]
     try:
+        # called once with arrays that note what is
+        # done to them; zeros may divide by zero
         with np.errstate(all="ignore"):
             result: Any = function(*arguments)
+    # it asked for a value, or did what is no ufunc
     except (AttributeError, TypeError, ValueError):
         return function
     if not isinstance(result, _Noted) or not notes.end(result.value):
@@ -169,6 +174,7 @@ class _Notes:
 
     def note(self, operation: np.ufunc, *inputs: Any) -> _Noted:
         """Note an operation, of which at least one input goes back to an argument."""
+        # constants are kept as they are, what comes from an argument as its memory
         call = [x.value if isinstance(x, _Noted) else np.asarray(x) for x in inputs]
         for place, x in enumerate(inputs):
             if isinstance(x, _Noted) and x.number is not None:
@@ -200,6 +206,7 @@ class _Notes:
 class _Noted(NDArrayOperatorsMixin):
     """An array that stands for argument ``number``, or comes from one; nobody may ask for its values."""
 
+    # asking for a value calls None: the TypeError gives the function back as it is
     __array__ = __bool__ = None
 
     def __init__(
@@ -266,13 +273,17 @@ class DryFriction:
             known = direction * limit
             # unknowns: the velocity of moving joints, the impulse of stuck ones
             x = dgesv(np.where(stuck, self._identity, inertia), momentum - known)[2]
+            # one that sticks needs no more than its
+            # limit, one that slides does not turn back
             wrong = np.where(stuck, np.abs(x) > limit, dry & (x * direction < 0))
             if not wrong.any():
                 self.sticks = stuck
                 self.direction = np.where(dry, direction, np.sign(x))
                 return np.where(stuck, 0.0, x), np.where(stuck, x, known)
+            # the first alone, by Murty's rule of the least index
             if trial >= BLOCK_TRIALS:
                 wrong = wrong & (np.cumsum(wrong) == 1)
+            # what sticks goes where it is pushed, what turned back sticks
             direction = np.where(wrong, np.where(stuck, np.sign(x), 0.0), direction)
         raise ArithmeticError(
             f"dry friction of {len(limit)} joints did not settle in {TRIALS} trials"
@@ -315,6 +326,7 @@ class Friction(Rows):
         laws = [item for item in arm.of_kind(DryLaw) if item[0].reach != "motor"]
         constant = arm.arm.coulomb
         for law, values in laws:
+            # the same at every velocity and load: summed once
             if law.varies_with == "nothing":
                 constant = constant + law.amplitude(0.0, 0.0, *values)
         self._constant = total(constant, "nominal.coulomb", "N m")[order]
@@ -342,6 +354,7 @@ class Friction(Rows):
 
     def drift(self, t: float | np.ndarray, where: np.ndarray | None = None) -> None:
         """Bring the drift up to date at a time t [s], of all joints or of those of a mask, shape (n,)."""
+        # the factor is spread anew only where it is due, each arm at its own steps
         now = True if where is None else where
         np.copyto(self._factor, self._drifted(t), where=now)
         self.viscous = self._factor * self._base_viscous
@@ -412,10 +425,13 @@ class CoupledMotors:
 
     def __init__(self, arm: CorrectedArm, body: RigidBody, dt: float) -> None:
         n, order = arm.arm.n_joints, body.order
+        # speeds of the motors over those of the
+        # joints; without coupling each turns its own
         drives = np.eye(n) if arm.arm.coupling is None else arm.arm.coupling
         viscous = arm.quantity("motor_damping")
         rotors = arm.quantity("motor_rotor")
         dry = [x for x in arm.of_kind(DryLaw) if x[0].reach == "motor"]
+        # only to see which motors take anything: first parameters are amplitudes
         takes = sum((values[0] for _, values in dry), viscous + rotors)
         motors = np.flatnonzero(takes > 0)
         self.present = bool(len(motors))
@@ -423,6 +439,7 @@ class CoupledMotors:
         self._dry = [(law, [x[motors] for x in values]) for law, values in dry]
         self._dt = dt
         self._viscous, self._rotors = viscous[motors], rotors[motors]
+        # D dq - w, zero if motors turn as their joints do
         self._tied = np.hstack([self._drives, -np.eye(len(motors))])
         if self.present:
             self._forward = ForwardDynamics(body, np.zeros(n))
@@ -456,6 +473,8 @@ class CoupledMotors:
         out = torque - viscous * dq - self._forward.bias(q, dq)
         speed = self._drives @ dq
         own = self._rotors + dt * self._viscous
+        # joints and motors in one mass matrix, with
+        # the tie as a stiff damper between them
         together = TIE * inertia.max() * (self._tied.T @ self._tied)
         together[:n, :n] += inertia
         together[n:, n:] += np.diag(own)
@@ -464,6 +483,8 @@ class CoupledMotors:
         limits = dt * np.concatenate([limit, self._limit(speed)])
         after, impulse = self._friction.solve(together, momentum, limits)
         change = self._rotors * (after[n:] - speed) + impulse[n:]
+        # what rotors and friction of the motors took
+        # in this step, given on to their joints
         return np.asarray((change / dt + self._viscous * after[n:]) @ self._drives)
 
     def _limit(self, speed: np.ndarray) -> np.ndarray:
@@ -504,12 +525,14 @@ class TorquePath(Rows):
     def __init__(self, arm: CorrectedArm, order: np.ndarray, dt: float) -> None:
         laws = arm.of_kind(Path)
         in_time = [law.place for law, _ in laws if law.varies_with == "time"]
+        # laws from the place of the first one in time on act behind delay and lag
         first = min(in_time, default=0)
         now = [item for item in laws if item[0].varies_with != "time"]
         self._before = Laws([item for item in now if item[0].place < first], order)
         self._after = Laws([item for item in now if item[0].place >= first], order)
         delay, lag = (arm.quantity(name)[order] for name in ("delay", "lag"))
         steps = delay / dt
+        # a delay of whole steps, but for rounding, has no fraction
         self._whole = np.floor(steps + 1e-9).astype(int)
         self._fraction = np.clip(steps - self._whole, 0.0, 1.0)
         self._lag = _Lag(lag, self._fraction, dt)
@@ -538,6 +561,8 @@ class TorquePath(Rows):
         self._heats = bool(self._heat.fading.any())
         self._in_time = bool(self._lags or self._whole.any() or self._fraction.any())
         self.constant = not self.changing.any()
+        # the latest command, and two at the end of
+        # the longest delay, which change in a step
         length = int(self._whole.max()) + 2
         if self._held.shape != (length, size):
             self._held, self._now = np.zeros((length, size)), -1
@@ -603,6 +628,7 @@ class TorquePath(Rows):
         self._now += 1
         length = len(self._held)
         self._held[self._now % length] = u
+        # each joint has a delay of its own, and so another row of the ring
         late = self._now - self._whole
         newer, older = (
             self._held[index % length, self._columns] for index in (late, late - 1)
@@ -634,12 +660,15 @@ class _Heat(Rows):
     def __init__(self, arm: CorrectedArm, order: np.ndarray, dt: float) -> None:
         names = ("fading", "rated", "warming_time")
         self.fading, rated, time = (arm.quantity(name)[order] for name in names)
+        # joints without heat have no rated torque, and nothing fades there
         self._rated = np.where(rated > 0, rated, 1.0)
+        # without a warming time the state follows at once, and no division by 0 occurs
         self._keep = np.exp(-dt / np.maximum(time, dt * 1e-9))
         self.state = np.zeros(len(order))
 
     def __call__(self, torque: np.ndarray) -> np.ndarray:
         """What is left of a torque [N m] during a step; the motors get warmer by it."""
+        # by the heat at the start of the step
         left = torque * (1.0 - self.fading * self.state)
         square = (torque / self._rated) ** 2
         self.state = square + (self.state - square) * self._keep
@@ -672,8 +701,12 @@ class _Lag(Rows):
     def __call__(self, older: np.ndarray, newer: np.ndarray) -> np.ndarray:
         """Mean over the step [N m]; the state moves on to its end."""
         start = self._state
+        # the state at the change within the step,
+        # from where it goes towards the newer torque
         middle = older + (start - older) * self._before
         self._state = newer + (middle - newer) * self._after
+        # each part of the step has its torque, and
+        # the integral of what the lag is behind it
         mean = older * self._fraction + (start - older) * self._span_before
         mean = mean + newer * (1.0 - self._fraction)
         return mean + (middle - newer) * self._span_after

@@ -102,6 +102,8 @@ class RigidStep:
         bodies, work = self._bodies, self._work
         if self._coupled:
             torque = torque - self._taken(torque, limit)
+        # b dq here and dt b in the inertia: together
+        # b times the velocity after the step
         multiply(self._viscous, self.dq, work)
         if not self._any_dry:
             subtract(torque, work, bodies.force)
@@ -131,7 +133,9 @@ class RigidStep:
 
     def _guess(self, direction: np.ndarray) -> None:
         """Guess the directions of the joints; of those with dry friction 0 sticks."""
+        # compared as bytes; sign makes no -0, so that equal directions have equal bytes
         self._direction, self._signs = direction, direction.tobytes()
+        # a joint with dry friction that has no direction
         self._sticks = self._dry - absolute(direction)
         (self._stuck,) = self._sticks.nonzero()
         self._any_stuck, self._over[...] = len(self._stuck) > 0, False
@@ -162,11 +166,13 @@ class RigidStep:
             subtract(force, self._braking, force)
         bodies.step(only)
         if stuck:
+            # held by a huge inertia, they still creep by what that lets through
             ahead[self._stuck] = 0.0
             # of the joints that stick, what holds them is the friction
             multiply(self._holding, bodies.acceleration, held)
             if brakes:
                 add(held, self._braking, held)
+            # friction would have to give more than its limit: it breaks loose
             greater(absolute(held, work), limit, self._over)
             stuck = np.count_nonzero(self._over) > 0
         # a joint without dry friction has no way
@@ -181,6 +187,7 @@ class RigidStep:
             guess = kept + self._over * sign(self._held)
             wrong = self._table(guess != self._direction).any(axis=1)
             arms = np.flatnonzero(wrong).astype(np.int32)
+            # guesses have not settled: the search does, and this try is the last
             if guesses == GUESSES:
                 for arm in arms.tolist():
                     self._search(arm, limit, self._table(guess)[arm])
@@ -204,6 +211,8 @@ class RigidStep:
             self._forward[arm] = forward
         forward.set_rotors(effective)
         inertia = forward.mass_matrix(q)
+        # dt b dq in the product with the inertia
+        # cancels the b dq that was taken off before
         momentum = inertia @ dq + self._dt * (out - forward.bias(q, dq))
         self._friction.direction = guess.copy()
         self._friction.solve(inertia, momentum, self._dt * most)

@@ -150,5 +150,6 @@ def make_bodies(name: str | None, body: RigidBody, dt: float, **options: int) ->
         InputError: no such engine, or it is not installed.
     """
     kind = ENGINES[check_engine(name)]
+    # imported only when it is asked for: an engine that is not installed harms nobody
     bodies: Bodies = getattr(import_module(kind.module), kind.name)(body, dt, **options)
     return bodies

@@ -45,6 +45,7 @@ def arm_model(
     joints = [model.joint(link.joint) for link in links]
     # bodies are numbered depth first, links parents first; both are the same for arms
     assert [joint.qposadr[0] for joint in joints] == list(range(len(links)))
+    # as read from the file they are 1, since a reader may refuse what it finds odd
     for link, joint in zip(links, joints, strict=True):
         body = int(model.jnt_bodyid[joint.id])
         model.body_mass[body] = link.mass
@@ -57,6 +58,7 @@ class OneArm:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model, self._data = model, mujoco.MjData(model)
+        # data of its own: computing constants would move the arm
         self._spare = mujoco.MjData(model)
 
     def bind(self, name: str) -> np.ndarray:
@@ -101,6 +103,7 @@ class MuJoCoBodies(Bodies):
         model = arm_model(moving_links(body), np.asarray(body.gravity), dt)
         mujoco.mj_setConst(model, mujoco.MjData(model))
         usable = os.cpu_count() or 1
+        # a container may be bound to fewer processors than the machine has
         if hasattr(os, "sched_getaffinity"):
             usable = len(os.sched_getaffinity(0))
         most = max(1, min(usable, count // FEWEST_PER_THREAD))
@@ -115,6 +118,7 @@ class MuJoCoBodies(Bodies):
         # arms of a batch are far apart in its memory, where numpy takes three times as long
         self._copied = count > 1
         tables = tuple(np.zeros((4, *self._q.shape)))
+        # of a single arm these are the engine's own memory, which nothing is copied to
         if not self._copied:
             tables = (*tables[:2], self._dq, self._force)
         self._own_q, self._own_dq, self._own_ahead, self._own_force = tables
@@ -129,6 +133,7 @@ class MuJoCoBodies(Bodies):
     def set_bodies(self, number: int, body: RigidBody) -> None:
         """Give an arm, numbered from 0, other bodies of the same structure, and another gravity."""
         links = moving_links(body)
+        # expanded when they are first changed: most batches only differ in their drives
         if self._bodies is None:
             names = ("mass", "inertia", "ipos", "iquat", "sameframe", "simple")
             self._bodies = {x: self._batch.expand(f"body_{x}") for x in names}
@@ -138,9 +143,11 @@ class MuJoCoBodies(Bodies):
         bodies["inertia"][number, moving] = [link.moments for link in links]
         bodies["ipos"][number, moving] = [link.inertial[0] for link in links]
         turns = np.array([quaternion(link.inertial) for link in links])
+        # as MuJoCo's own compiler leaves them
         for turn in turns:
             mujoco.mju_normalize4(turn)
         bodies["iquat"][number, moving] = turns
+        # shortcuts for frames that coincide, which the first arm may have had
         bodies["sameframe"][number, moving] = 0
         bodies["simple"][number, moving] = 0
         self._gravity[number] = body.gravity
@@ -178,6 +185,7 @@ class MuJoCoBodies(Bodies):
 
     def accept(self, stopped: bool = False) -> None:
         """Take the engine's state."""
+        # what sticks has had its velocity set to zero behind the engine's back
         if stopped and self._copied:
             self._dq[...] = self._own_ahead
         self._own_q[...] = self._q

@@ -72,6 +72,7 @@ class PyBulletBodies(Bodies):
         self._advance = partial(pybullet.stepSimulation, **client)
         self._states = partial(pybullet.getJointStates, *arm, **client)
         limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
+        # read from the engine in time, before a joint comes to its limit
         self._lowest, self._highest = limits[0] + NEAR_LIMIT, limits[1] - NEAR_LIMIT
         self.position, self.velocity, self.force, self.ahead, self._work = np.zeros(
             (5, n)
@@ -120,6 +121,7 @@ class PyBulletBodies(Bodies):
         if self._near or self._unread == READ_EVERY:
             self._read()
             return
+        # off the limits the engine makes the very step that was solved
         self.velocity[...] = self.ahead
         multiply(self.ahead, self._steps, work)
         add(self.position, work, self.position)
@@ -146,6 +148,7 @@ def _load(
     with TemporaryDirectory(prefix="gapscope_") as folder:
         file = Path(folder) / "arm.urdf"
         file.write_text(plain_urdf(links))
+        # a cached file would be that of an arm before
         pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE
         robot = pybullet.loadURDF(
@@ -157,7 +160,9 @@ def _load(
         pybullet.getJointInfo(robot, i, physicsClientId=client)
         for i in range(len(links))
     ]
+    # PyBullet numbers joints in its own order, here by name
     index = {info[1].decode(): i for i, info in enumerate(infos)}
+    # damping that PyBullet has by default, of the base and of every link
     pybullet.changeDynamics(
         robot, -1, linearDamping=0, angularDamping=0, physicsClientId=client
     )
@@ -172,6 +177,7 @@ def _load(
             physicsClientId=client,
         )
     joints = [index[link.joint] for link in links]
+    # every joint begins with a motor that holds it; without force it is off
     zeros = [0.0] * len(joints)
     pybullet.setJointMotorControlArray(
         robot, joints, pybullet.VELOCITY_CONTROL, forces=zeros, physicsClientId=client

@@ -70,6 +70,7 @@ def as_urdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
     """
     root = ET.parse(arm.body.file).getroot()
     notes: tuple[str, ...] = ()
+    # changes go into the file itself: what Gapscope does not read stays in it
     if root.tag == "robot":
         notes = (*_fix_others(root, arm), *_name_meshes(root, arm, out, relative))
         _set_bodies(root, arm)
@@ -91,8 +92,11 @@ def _fix_others(root: ET.Element, arm: PlainArm) -> tuple[str, ...]:
         if joint.get("type") in MOVABLE and joint.get("name") not in arm.drives.index:
             fixed.append(joint.get("name", ""))
             position = arm.corrected.arm.locked.get(joint.get("name", ""), 0.0)
+            # before the type is changed, which says how the position counts
             _set_origin(joint, position)
             joint.set("type", "fixed")
+            # limits, friction and mimic of a joint
+            # that is fixed would be refused or mislead
             for element in list(joint):
                 if element.tag not in ("origin", "parent", "child"):
                     joint.remove(element)
@@ -112,6 +116,7 @@ def _set_origin(joint: ET.Element, position: float) -> None:
     origin, axis = joint.find("origin"), joint.find("axis")
     if origin is None:
         origin = ET.SubElement(joint, "origin")
+    # a URDF without an axis means x
     direction = _vector(axis, "xyz", "1 0 0")
     direction = direction / np.linalg.norm(direction)
     turn = Rotation.from_euler("xyz", _vector(origin, "rpy", "0 0 0"))
@@ -119,6 +124,8 @@ def _set_origin(joint: ET.Element, position: float) -> None:
     if joint.get("type") == "prismatic":
         place = place + turn.apply(position * direction)
     else:
+        # R_place R_axis: about the axis in the
+        # joint's frame, behind the turn of its origin
         turn = turn * Rotation.from_rotvec(position * direction)
     origin.set("xyz", numbers(place))
     origin.set("rpy", numbers(turn.as_euler("xyz")))
@@ -143,6 +150,7 @@ def _name_meshes(
             mesh = shape.find("geometry/mesh")
             name = "" if mesh is None else mesh.get("filename", "")
             lost = mesh is not None and find_mesh(name, arm.body.file) is None
+            # in a package it may be found by whoever reads the file
             if lost and not name.startswith(SCHEMES):
                 link.remove(shape)
     for element in (*root.iter("mesh"), *root.iter("texture")):
@@ -164,6 +172,8 @@ def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
     child = {j.get("name", ""): _end(j, "child") for j in root.findall("joint")}
     described = read_description(arm.body.file, shapes=False).by_name
     increments = arm.corrected.inertial_increments(arm.nominal)
+    # inertia of links that are fixed to one counts
+    # with it: what may be taken off is theirs
     merged = arm.body.inertial_parameters().reshape(-1, 10)
     for joint, increment, total in zip(
         arm.corrected.arm.joints, increments, merged, strict=True
@@ -172,9 +182,11 @@ def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
             continue
         link = links[child[joint]]
         alone = own_parameters(described[child[joint]].inertial) + increment
+        # the link alone bears the change, or even all together do not
         if possible(alone) or not possible(total):
             set_parameters(link, alone)
             continue
+        # the total goes onto the link: nothing stays on what is fixed there
         for name, frame in arm.frames.items():
             if frame.joint == joint and name in links:
                 set_parameters(links[name], np.zeros(10))
@@ -188,6 +200,7 @@ def _set_drive(joint: ET.Element, drive: pd.Series) -> None:
     dynamics.set("damping", repr(float(drive.damping)))
     dynamics.set("friction", repr(float(drive.friction)))
     limit = joint.find("limit")
+    # a <limit> is asked for effort and velocity both; 0 is what they are without one
     limit = (
         ET.SubElement(joint, "limit", effort="0", velocity="0")
         if limit is None
@@ -206,6 +219,8 @@ def _shift_zeros(root: ET.Element, arm: PlainArm) -> None:
         zero = float(zeros.get(joint.get("name"), 0.0))
         if zero == 0:
             continue
+        # the coordinate is the true one plus the
+        # zero: the origin turns back, limits move on
         _set_origin(joint, -zero)
         for tag, name in LIMITS:
             element = joint.find(tag)
@@ -219,12 +234,14 @@ def _turn_base(root: ET.Element, mount: np.ndarray) -> None:
     links = [x.get("name", "") for x in root.findall("link")]
     joints = root.findall("joint")
     carried = {_end(joint, "child") for joint in joints}
+    # the base hangs on no joint
     base = next(name for name in links if name not in carried)
     taken = {*links, *(joint.get("name", "") for joint in joints)}
 
     def unused(name: str) -> str:
         return unused(f"{name}_") if name in taken else name
 
+    # a file may use these names already
     world, holder = unused("world"), unused("mount")
     joint = ET.Element("joint", name=holder, type="fixed")
     ET.SubElement(joint, "parent", link=world)
@@ -295,6 +312,7 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
             short to be simulated.
     """
     bounds, notes = _bounds(arm)
+    # the bristles' stiffness and the filters depend on it
     step = time_step(arm)
     meshes: dict[tuple[str, str], str] = {}
     shapes = []
@@ -303,6 +321,8 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         if problem := _unreadable(shape):
             notes.append(f"a {shape.use} shape of link {shape.frame.name}: {problem}")
             continue
+        # one mesh of one scale is written once,
+        # under the name of the first shape with it
         if shape.mesh is not None:
             file = mesh_path(shape.mesh, out, relative)
             own = f"{Path(file).stem}_{number}"
@@ -312,6 +332,8 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         bristle = dry_bristle(drive, step)
         if bristle is not None and builds_up(drive):
             distance = bristle.coulomb / bristle.stiffness
+            # as stiff as the step allows is softer than
+            # asked for: more than rounding is told
             if distance > 1.01 * drive.presliding:
                 notes.append(
                     f"presliding of {joint}: friction builds up over {distance:.3g} rad in place of "
@@ -325,6 +347,7 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         shapes=shapes,
         meshes=meshes,
         coupled=_coupled_motors(arm),
+        # a motor of its own takes the actuator, and has a joint beside that of the link
         motor_name=lambda joint: joint + "_motor" * bool(arm.drives.at[joint, "gear"]),
         builds_up=builds_up,
         dry_bristle=dry_bristle,
@@ -378,10 +401,12 @@ def dry_bristle(drive: pd.Series, step: float) -> Bristle | None:
         step: of the simulator [s].
     """
     peak, speed = drive.breakaway, drive.breakaway_speed
+    # w dt of the bristle against the joint's inertia: an explicit step bears no more
     stiffest = drive.inertia * (STIFFEST / step) ** 2
     if builds_up(drive):
         stiffness = min(drive.friction / drive.presliding, stiffest)
         static = drive.friction + peak
+        # without a peak Fs is Fc, and any speed says the same
         velocity = speed if peak else 1.0
         return Bristle(stiffness, stiffness * step, drive.friction, static, velocity)
     if peak:
@@ -428,6 +453,7 @@ def _coupled_motors(arm: PlainArm) -> list[dict[str, Any]]:
     if corrected.arm.coupling is None:
         return []
     columns = {name: corrected.passive(f"motor_{name}") for name in PASSIVE}
+    # one motor on several joints: those that turn one alone are in the drives
     return [
         {name: column[motor] for name, column in columns.items()}
         | {
@@ -443,10 +469,12 @@ def _bounds(arm: PlainArm) -> tuple[dict[str, str], list[str]]:
     """Attributes that let MuJoCo correct bodies that it would refuse, with a note."""
     bounds: dict[str, str] = {}
     notes = []
+    # MuJoCo asks for some mass and moments of every moving body
     if any(link.mass < LEAST or link.moments.max() < LEAST for link in arm.links):
         bounds["boundmass"] = bounds["boundinertia"] = repr(LEAST)
     elif any(link.moments.min() < LEAST for link in arm.links):
         bounds["boundinertia"] = repr(LEAST)
+    # moments ascend: the last against the sum of the first two
     odd = [
         link.joint
         for link in arm.links
@@ -482,6 +510,7 @@ def _unreadable(shape: PlacedShape) -> str:
     if shape.mesh.suffix.lower() == ".stl":
         with shape.mesh.open("rb") as file:
             head = file.read(84)
+        # a binary STL: 80 bytes of head, the number of faces, 50 bytes for each
         faces = int.from_bytes(head[80:84], "little")
         if len(head) < 84 or shape.mesh.stat().st_size != 84 + 50 * faces:
             return f"MuJoCo reads no STL file in text ({shape.mesh.name})"
@@ -502,10 +531,12 @@ def as_sdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, ..
     """
     places = {"": (np.zeros(3), arm.mount)}
     tensors = {}
+    # parents come before children, so that the place of each is known by then
     for link in arm.links:
         position, turn = places[link.parent]
         place = position + turn @ link.origin[0], turn @ rotation(link.origin)
         places[link.joint] = place
+        # from principal axes into those of the link
         axes = rotation(link.inertial)
         tensors[link.joint] = axes @ np.diag(link.moments) @ axes.T
     text = rendered(
@@ -565,8 +596,10 @@ def export(
     if form in TARGETS:
         return write_snippet(arm, form, out, controller, ranges), remarks(arm)
     written, more = WRITERS[form](arm, out, relative)
+    # comments of the template and of the arm's own file stay
     comments = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
     root = ET.fromstring(written, parser=comments)
+    # blanks between elements are taken out, or indenting would leave them
     for element in root.iter():
         if not (element.text or "").strip():
             element.text = None

@@ -87,11 +87,14 @@ def joint_drives(corrected: CorrectedArm, body: RigidBody) -> pd.DataFrame:
     # springs and ripple follow the true position, the coordinates of a file are what the encoders read
     drives["rest"] += drives["zero"]
     drives["ripple_phase"] -= drives["ripple_cycles"] * drives["zero"]
+    # in the arm's joint order, as the table is
     masses = mass_matrices(body)[:, body.places][:, :, body.places]
     rotors = drives["rotor"].to_numpy()
     drives["elastic"] = drives["gear_stiffness"] > 0
+    # a gear needs a rotor behind it: without one there is no second mass
     drives["gear"] = (rotors > 0) & (drives["elastic"] | (drives["play"] > 0))
     names = ("gear_stiffness", "gear_damping")
+    # a gear with play alone has teeth for its spring, as in the simulator
     for name, value in zip(names, teeth(rotors, least_inertia(masses)), strict=True):
         drives[name] = drives[name].where(drives["elastic"], value)
     limit = body.effort_limits() if arm.torque_limit is None else arm.torque_limit
@@ -103,10 +106,12 @@ def joint_drives(corrected: CorrectedArm, body: RigidBody) -> pd.DataFrame:
     least = least_inertia(together)
     root = np.sqrt(least)
     coupling = np.linalg.eigvalsh(root[:, None] * np.linalg.inv(together) * root)
+    # behind a gear friction holds the rotor alone
     drives["inertia"] = np.where(alone, rotors, least / coupling.max())
     drives["effort"] = np.minimum(_known(limit), _known(corrected.quantity("limit")))
     drives["velocity"] = _known(body.velocity_limits())
     corner, no_load = drives["corner_speed"], drives["no_load_speed"]
+    # T(w) = limit (w0 - w) / (w0 - corner), and its value at rest
     span = (no_load - corner).clip(lower=MIN_FALL)
     drives["stall"] = corrected.quantity("limit") * no_load / span
     return drives
@@ -150,6 +155,7 @@ class PlainArm(NamedTuple):
 
         No body is called ``world``, which means what does not move in other formats.
         """
+        # of several links at one place the first that is the body's own frame
         own = (
             frame.name
             for frame in self.frames.values()
@@ -176,6 +182,7 @@ def plain_arm(corrected: CorrectedArm) -> PlainArm:
     corrected.check()
     nominal = RigidBody(corrected.arm)
     body = corrected.body(nominal)
+    # bodies that no torque moves are an error of the effects, or of the file
     check_inertia(
         body,
         ", ".join(
@@ -209,6 +216,7 @@ def upright(gravity: np.ndarray) -> np.ndarray:
         return np.eye(3)
     down, goal = np.asarray(gravity) / strength, np.array([0.0, 0.0, -1.0])
     axis = np.cross(down, goal)
+    # upside down: half a turn about any axis across; the right way up: none
     if np.linalg.norm(axis) < 1e-12:
         return np.eye(3) if down[2] < 0 else np.diag([1.0, -1.0, -1.0])
     angle = np.arctan2(np.linalg.norm(axis), down @ goal)
@@ -223,6 +231,7 @@ def _shifted(link: Link, zero: float) -> Link:
         return link
     place, turn = link.origin[0], rotation(link.origin)
     if link.kind == "revolute":
+        # from the new coordinate back to the true one, within the joint's own frame
         turn = turn @ Rotation.from_rotvec(-zero * link.axis).as_matrix()
     else:
         place = place - zero * turn @ link.axis
@@ -282,10 +291,12 @@ def rendered(template: str, **content: Any) -> str:
 def _templates() -> jinja2.Environment:
     made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
+        # a template that asks for what is not there is a fault, not an empty place
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
+        # names with quotes or brackets would break the file
         autoescape=lambda name: ".xml." in (name or ""),
     )
     made.filters |= {
@@ -407,6 +418,7 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
     gear, rotors, distances = (
         arm.drives[name].to_numpy() for name in ("gear", "rotor", "presliding")
     )
+    # the format holds gears, but not one without a rotor behind it
     if form == "mjcf":
         for applied in corrected.effects:
             rigid = [joint for joint in applied.joints if not gear[joint - 1]]
@@ -418,6 +430,7 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
         if (arm.drives["velocity"] < np.inf).any():
             more.append("velocity limits of the joints: MuJoCo knows none")
     else:
+        # URDF and SDF have no place for rotors: their figures are told instead
         if rotors.any():
             lines.append(
                 f"armature (nominal and found), joints in order: inertia {_figures(rotors)} kg m^2"

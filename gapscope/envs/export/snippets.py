@@ -114,9 +114,12 @@ class SnippetArm(NamedTuple):
         A value that is zero has no factor.
         """
         own = self.values[list(names)]
+        # factors about the exported value, lowest
+        # and highest of several values together
         sides = [
             (side[own.columns] / own).where(own > 0) for side in (self.low, self.high)
         ]
+        # 1 is among them: the exported arm lies within the range
         ratios = pd.concat([*sides, pd.Series(1.0, own.index)], axis=1)
         ends = zip(own.index, ratios.min(axis=1), ratios.max(axis=1), strict=True)
         return {joint: (low, high) for joint, low, high in ends if low < high}
@@ -150,6 +153,7 @@ def _joints(
 ) -> pd.DataFrame:
     """The values of the joints with the effects of an arm; see ``SnippetArm``."""
     drives = joint_drives(corrected, plain.body)
+    # gains of another law have other units: 0 says that there are none
     law = controller is not None and controller.kind == "pd"
     kp, kd = (getattr(controller, x) if law else 0.0 for x in ("kp", "kd"))
     gain = 1.0 + drives["scale"]
@@ -159,6 +163,7 @@ def _joints(
         kd=kd,
         static_friction=drives["friction"] + drives["breakaway"],
         gain=gain,
+        # what arrives, since a simulator with these gains has no scale of the torque
         applied_kp=gain * kp,
         applied_kd=gain * kd,
         applied_effort=gain * drives["effort"],
@@ -173,10 +178,12 @@ def _moved(
 ) -> CorrectedArm:
     """The arm with the effects at one side of their ranges, all parameters or only some."""
     ends = {item.key: getattr(item, side) for item in ranges.ranges}
+    # an effect without a range stays as it is
     kept = [e for e in corrected.effects if e.key not in ends]
     moved = list(ends.values())
     if only is not None:
         own = {e.key: e.parameters for e in corrected.effects}
+        # the other parameters at their values: one at a time is moved
         moved = [
             AppliedEffect(
                 end.name,
@@ -191,6 +198,7 @@ def _moved(
 
 def _bodies(plain: PlainArm, ranges: EffectRanges) -> tuple[BodyRange, ...]:
     """The bodies that payload and link errors leave open."""
+    # changes of links alone: what a drive has is not a body's
     changes = tuple(r for r in ranges.ranges if isinstance(r.low.effect, LinkChange))
     if not changes:
         return ()
@@ -198,11 +206,14 @@ def _bodies(plain: PlainArm, ranges: EffectRanges) -> tuple[BodyRange, ...]:
     mass, moment = _moments(plain, plain.corrected)
     ends = ("low", "high")
     heavier = [_moments(plain, _moved(plain.corrected, ranges, x))[0] for x in ends]
+    # the mass stays: a shift of the centre is the change of the first moment over it
     shifted = [
         _moments(plain, _moved(plain.corrected, ranges, x, only=("com",)))[1]
         for x in ends
     ]
+    # the end with less first, whichever side of the range it came from
     added = np.sort(np.array(heavier) - mass, axis=0)
+    # a body keeps some mass, which simulators ask for
     added = np.maximum(added, (MIN_SHARE - 1.0) * mass)
     centres = np.sort((np.array(shifted) - moment) / mass[:, None], axis=0)
     return tuple(
@@ -250,6 +261,7 @@ class Target(NamedTuple):
 
     def text(self, arm: SnippetArm) -> str:
         """The snippet."""
+        # the head is the same for all, in the comment signs of the language
         xml = ".xml" if self.comment == "<!--" else ""
         body = rendered(f"{self.name}{xml}.j2", arm=arm, joints=arm.joints)
         return self.head(arm) + body.lstrip("\n")
@@ -286,9 +298,11 @@ class Target(NamedTuple):
             said = (
                 self.hints[x] for x in effect.quantities.values() if x in self.hints
             )
+            # the first hint that fits says what to do in place of the general one
             hint = next(said, None)
             if hint is None and holds(self.held, effect, applied.given):
                 continue
+            # what is of bodies is in the file of bodies that goes with the snippet
             if hint is None and self.model and holds(BODIES, effect):
                 hint = f"in the file of gapscope export --format {self.model}, which this belongs to"
             lines.append(described(applied, corrected.arm, hint))
@@ -351,10 +365,12 @@ def write_snippet(
             f"leave it out, or choose one of {', '.join(drawing())}",
             where="--randomise",
         )
+    # our own environment reads ranges as they are: no template
     if ranges is not None and form == "environment":
         write_effect_ranges(ranges, out, HEAD)
         return ()
     corrected = plain.corrected
+    # without ranges both ends are the value
     joints = low = high = _joints(plain, corrected, controller)
     bodies: tuple[BodyRange, ...] = ()
     if ranges is not None:

@@ -54,6 +54,7 @@ def read_mat(path: Path) -> Log:
     """
     with path.open("rb") as file:
         start = file.read(len(_MATLAB_HDF5))
+    # the start of the file tells the version, its ending does not
     if start == _MATLAB_HDF5:
         arrays, unread = _hdf5_arrays(path, ".")
         return log_of_arrays(path, "MATLAB 7.3", arrays, unread)
@@ -95,6 +96,7 @@ def _hdf5_arrays(path: Path, separator: str) -> tuple[dict[str, np.ndarray], lis
 def _unpacker() -> subprocess.Popen[str]:
     """The process that reads MATLAB files, one after the other."""
     script, largest = Path(__file__).with_name("unpack_mat.py"), LARGEST_UNPACKED
+    # one process for all files: each would import SciPy anew
     process = subprocess.Popen(
         [sys.executable, str(script), str(largest + OF_PYTHON)],
         stdin=subprocess.PIPE,
@@ -109,12 +111,14 @@ def _unpacker() -> subprocess.Popen[str]:
 def _matlab_arrays(path: Path) -> dict[str, np.ndarray]:
     """Numeric arrays of a MATLAB file up to version 7.2 by name, read in a process that a damaged file may end."""
     check_file(path, "is the file complete?", LARGEST_IN_MEMORY)
+    # one file at a time goes through the process
     with _ONE_AT_A_TIME, TemporaryDirectory(prefix="gapscope-") as folder:
         out, process = Path(folder) / "arrays.npz", _unpacker()
         assert process.stdin is not None and process.stdout is not None
         request = json.dumps([str(path), str(out), LARGEST_UNPACKED])
         print(request, file=process.stdin, flush=True)
         line = process.stdout.readline()
+        # it broke down on this file: the next one gets another process
         if not line:
             _unpacker.cache_clear()
         answer = json.loads(line or '"its reader broke down"')
@@ -139,6 +143,7 @@ def log_of_arrays(
     Raises:
         InputError: no array has rows.
     """
+    # as MATLAB writes vectors, with an axis of length one
     squeezed = {name: np.squeeze(array) for name, array in arrays.items()}
     lengths = {len(a) for a in squeezed.values() if a.ndim == 1 and len(a) > 1}
     by_rows: dict[int, dict[str, np.ndarray]] = {}
@@ -149,9 +154,11 @@ def log_of_arrays(
             continue
         if array.ndim == 2:
             rows, width = array.shape
+            # one axis has the length of a known series, and the other has not
             told = (rows in lengths) != (width in lengths)
             if not (rows in lengths if told else rows >= width):
                 array = array.T
+        # by their length: arrays of another belong to another clock
         by_rows.setdefault(len(array), {})[name] = array
     if not by_rows:
         raise InputError(

@@ -72,6 +72,7 @@ def read_dataset(path: Path, episodes: Iterable[int] | None = None) -> Log:
     features = info["features"]
     names = {key: _names(feature) for key, feature in features.items()}
     wanted = None if episodes is None else sorted(set(episodes))
+    # one pass over the frames, then by episode
     found = dict(iter(_frames(path, None, wanted).groupby(_EPISODE)))
     tables = []
     for number in wanted or sorted(found):
@@ -86,6 +87,7 @@ def read_dataset(path: Path, episodes: Iterable[int] | None = None) -> Log:
         rows = range(1, len(columns["t"]) + 1)
         name = episode_name(number)
         tables.append(Table(path, columns, rows, "frame", name=name, kind=LEROBOT))
+    # what fits in no table: frames of the cameras
     videos = [
         key for key, f in features.items() if f.get("dtype") in ("video", "image")
     ]
@@ -115,6 +117,7 @@ def _names(feature: Mapping[str, Any]) -> list[str]:
     """Names of the entries of a feature: a list, or lists by group."""
     names = feature.get("names")
     if isinstance(names, Mapping):
+        # groups, as of motors of two arms, in their order
         groups = [g if isinstance(g, list) else [g] for g in names.values()]
         return [str(name) for group in groups for name in group]
     return [str(name) for name in names] if isinstance(names, list) else []
@@ -139,9 +142,11 @@ def _frames(
     parts = []
     for file in files:
         named = file.stem.startswith("episode_")
+        # an episode's file says so in its name: others need not be opened
         if episodes is not None and named and file.stem not in own:
             continue
         with complete_file(file, "frames of a LeRobot dataset", remedy):
+            # before it is read: a few kilobytes may unpack to any size
             check_unpacked(parquet_size(pq.read_metadata(file)), file)
             found = pq.read_table(file, columns=columns, filters=chosen)
             parts.append(found.to_pandas())
@@ -152,12 +157,14 @@ def _columns(
     path: Path, frames: pd.DataFrame, names: Mapping[str, list[str]], fps: float
 ) -> dict[str, np.ndarray]:
     """Columns of one episode from its frames; one for each entry of the lists in a column, if they hold numbers."""
+    # without stamps frames are counted, at the rate of the dataset
     timed = _TIME in frames
     t = frames[_TIME] if timed else frames[_FRAME] / fps
     columns = {"t": np.asarray(t, dtype=float)}
     for key, column in frames.items():
         if column.dtype.kind == "f" and key != _TIME:
             columns[str(key)] = np.asarray(column, dtype=float)
+        # objects are lists, one for each frame, or something else
         if column.dtype.kind != "O":
             continue
         try:

@@ -70,6 +70,7 @@ def known_typestores() -> list[Any]:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     stores = []
+    # the same type name has had four contents: each gets a store of its own
     for controller_state in CONTROLLER_STATES.values():
         store = get_typestore(Stores.ROS2_HUMBLE)
         for name, text in {**_OTHERS, CONTROLLER_STATE: controller_state}.items():
@@ -148,10 +149,12 @@ def samples_of(kind: str, message: Any, logged: int) -> Iterator[Sample]:
         values = np.array([value for _, value in pairs])
         yield Sample(stamp, logged, joints, columns, values)
     elif kind == JOINT_TRAJECTORY:
+        # a controller sends a trajectory at once: each point is due at its own time
         for point in message.points:
             due = (stamp or logged) + nanoseconds(point.time_from_start)
             yield sample({name: getattr(point, name) for name in _POINT_FIELDS}, due)
     else:
+        # fields that this version of the message has
         found = sample(
             {
                 f"{point}.{name}": getattr(getattr(message, point), name)
@@ -200,6 +203,8 @@ def tables_of_samples(
         for sample in samples:
             groups[frozenset(sample.joints)].append(sample)
         for group in groups.values():
+            # nanoseconds as whole numbers: a date
+            # in seconds has no digits left for them
             stamps = [(s.stamp or s.logged - lead) - start for s in group]
             columns, dropped = _columns(group)
             columns = {"t": np.array(stamps, dtype=np.int64) * 1e-9, **columns}
@@ -228,6 +233,7 @@ def _columns(samples: Sequence[Sample]) -> tuple[dict[str, np.ndarray], set[str]
     kept = [
         x for x in dict.fromkeys(samples[0].columns) if all(x in v for v in variants)
     ]
+    # the places of the kept columns in each variant of the message
     places = {names: [names.index(name) for name in kept] for names in variants}
     values = np.array([sample.values[places[sample.columns]] for sample in samples])
     columns = {name: values[:, place] for place, name in enumerate(kept)}
@@ -242,6 +248,8 @@ def followed_trajectories(points: Sequence[Sample]) -> list[Sample]:
     """
     kept: list[Sample] = []
     for point in points:
+        # what was planned for later than the start
+        # of the next trajectory never happened
         while kept and kept[-1].logged < point.logged and kept[-1].stamp >= point.stamp:
             kept.pop()
         kept.append(point)
@@ -275,6 +283,7 @@ def read_bag(path: Path) -> Log:
     stores: dict[str, Any] = {}
     description = None
     for topic, kind, logged, raw in messages:
+        # one store for each type: definitions are tried on its first message
         if kind not in stores:
             stores[kind] = _fitting_store(path, kind, raw, typestore)
         if isinstance(stores[kind], InputError):
@@ -297,6 +306,7 @@ def read_bag(path: Path) -> Log:
     tables = tables_of_samples(path, samples)
     for kind, store in stores.items():
         if isinstance(store, InputError):
+            # a type that nobody knows spoils the bag only if there is nothing else
             if not tables:
                 raise store
             unread.append(f"{kind}: of unknown form")
@@ -320,6 +330,7 @@ def _content(path: Path) -> tuple[list[tuple[str, str, int, bytes]], Any, list[s
     with complete_file(path, "a ROS 2 bag", remedy):
         store = get_typestore(Stores.ROS2_HUMBLE)
         with AnyReader([path], default_typestore=store) as reader:
+            # by type, and of texts the one that holds the robot's file
             wanted = [
                 c
                 for c in reader.connections
@@ -351,6 +362,7 @@ def bag_files(path: Path) -> list[Path]:
 def _fitting_store(path: Path, kind: str, raw: bytes, typestore: Any) -> Any:
     """Definitions by which a first message of a type can be decoded, or the error that says why there are none."""
     error: InputError | None = None
+    # definitions of the bag itself, else each version that is known, until one fits
     for store in [typestore] if kind in typestore.fielddefs else known_typestores():
         try:
             _decoded(path, kind, raw, store)

@@ -68,6 +68,7 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
     from pyarrow import csv as arrow
 
     header = header.lstrip("#% ")
+    # the one that is there most: names may hold another
     delimiter = max(_DELIMITERS, key=header.count)
     if delimiter not in header.strip():
         return None
@@ -81,6 +82,7 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
     # a cell takes a byte at least, so that rows of more cells are not what the file holds
     if len(split[1]) != len(names) or count * len(names) > path.stat().st_size:
         return None
+    # by the first cell: a later one that is none makes Arrow refuse the file
     number = dict(zip(names, map(is_number, split[1]), strict=True))
     columns: dict[str, Any] = {
         name: np.empty(count, dtype=float if number[name] else object) for name in names
@@ -142,6 +144,7 @@ def table_of_lines(
     header = header.lstrip("#% ")
     delimiter = max(_DELIMITERS, key=header.count)
     text: Iterable[str] = itertools.chain([header], below)
+    # blanks between columns: runs of them are one
     if delimiter not in header.strip() and " " in header.strip():
         delimiter, text = " ", (line.strip() for line in text)
     reader = csv.reader(text, delimiter=delimiter, strict=True, skipinitialspace=True)
@@ -156,6 +159,7 @@ def table_of_lines(
             rows.append(first)
             lines.append(1)
         for row in reader:
+            # an empty line is no row; places still count it
             if not row:
                 continue
             place = reader.line_num + skipped
@@ -183,9 +187,11 @@ def _names(first: list[str], path: Path) -> tuple[list[str], int]:
     if not any(names):
         raise InputError("is empty", "give a file with a header and samples", file=path)
     numbered = [str(j + 1) for j in range(len(names))]
+    # 0 1 2 3 .. or 1 2 3 4 ..: written by a program that had no names
     counted = names in (numbered, [str(j) for j in range(len(names))])
     if counted and len(names) >= FEWEST_COUNTED:
         return numbered, 2
+    # a number with a point is a sample: no header has one
     if any("." in name and is_number(name) for name in names) or all(
         map(is_number, names)
     ):
@@ -232,6 +238,7 @@ def parquet_size(metadata: Any) -> float:
     """Size of a Parquet file once unpacked, by what it states [bytes]."""
     groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
     stated = sum(group.total_byte_size for group in groups)
+    # a damaged footer may state less than the pages hold
     return max(stated, 8 * metadata.num_rows * metadata.num_columns)
 
 

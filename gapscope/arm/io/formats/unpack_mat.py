@@ -37,6 +37,7 @@ def unpack(path: str, out: str, largest: float) -> list[str] | str:
     import scipy.io
 
     try:
+        # sizes as the file states them, before anything is unpacked
         size = 8 * sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path))
         if size > largest:
             return f"it holds {size:.2g} bytes unpacked, at most {largest:g} are read"
@@ -54,6 +55,7 @@ def main(largest: str) -> None:
     Args:
         largest: memory that the process may take [bytes], where the system bounds it.
     """
+    # bounded where the system can: a tag that asks for all memory then fails alone
     with suppress(ImportError, ValueError, OSError):
         import resource
 
