@@ -321,8 +321,7 @@ class Reading:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """True q [rad], dq [rad/s], ddq [rad/s^2] of those that the recorded positions and stamps give, (N, n) each."""
         source, factor = list(self.motion.source), np.array(self.motion.factor)
-        # speed and acceleration count in true time,
-        # and columns follow those of positions
+        # speed and acceleration count in true time, their columns as positions
         speed, acceleration = factor / self.time_factor, factor / self.time_factor**2
         return (
             self.motion(q, position=True),

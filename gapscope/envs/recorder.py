@@ -136,8 +136,7 @@ def record(
         encoder_noise=encoder_noise,
         rng=rng,
     ) as simulated:
-        # the recording's zero of time is that of
-        # drift and forces: the rest lies before it
+        # drift and forces count from the first row: the rest lies before it
         simulated.start(targets.q[0], targets.dq[0], t[0])
         loop = closed_loop(
             simulated, targets, control, lambda _, at: filtered(at), steps

@@ -170,8 +170,7 @@ def _tracked(
     reference = Motion(ticks, commands.q, commands.dq, commands.ddq)
     start, first = part.q[0], commands.at(0)
     recorded = None if part.dq is None else part.dq[0]
-    # with the rule by which its recorded velocity
-    # says that the controller differentiates
+    # by the rule that comes nearest to the velocity recorded
     velocity = VelocityFilter(
         controller.rate,
         controller.velocity_cutoff,

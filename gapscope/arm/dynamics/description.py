@@ -374,8 +374,7 @@ class Description:
         """Links from the roots on, each before those that it holds and branch by branch."""
         order: dict[str, Link] = {}
         waiting = [link.name for link in self.links if link.name not in self.above]
-        # a stack, last in first out: reversed, so
-        # that the first branch is followed first
+        # a stack: reversed, so that the first branch is followed first
         waiting.reverse()
         while waiting:
             name = waiting.pop()
@@ -753,8 +752,7 @@ class _MjcfReader(_Reader):
             mesh.get("name") or Path(mesh.get("file", "")).stem: mesh
             for mesh in self.root.findall("asset/mesh")
         }
-        # before anything is read: elements then say
-        # themselves what their class gives them
+        # first of all: then elements themselves say what their class gives them
         self._give_defaults()
         self.unread += [
             ("", f"{what} is not read")
@@ -872,8 +870,7 @@ class _MjcfReader(_Reader):
                 _, kp, kd = -np.pad(given, (0, 3))[:3]
                 own = (float(kp), float(kd))
             if own is not None:
-                # once through the gear to the actuator's
-                # length, and once back to the joint's torque
+                # through the gear to the actuator's length, and back to torque
                 self._gains[name] = tuple(gear**2 * gain for gain in own)
 
     def _bound(self, element: ET.Element, of: str, place: str) -> float:

@@ -291,8 +291,7 @@ class CollisionModel:
                 apart.append((first, second))
         self._set_pairs(apart)
         candidates = self.pairs
-        # each posture once, for all pairs: which touch
-        # by construction, and how near others come
+        # which pairs touch by construction, and how near others come
         distances = self._sampled()
         overlapping = distances <= 0
         # hulls that overlap at zero or nearly always do so by construction

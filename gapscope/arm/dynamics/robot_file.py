@@ -315,8 +315,7 @@ def arm_model(
         elif body and link.drawn and description.form == "MJCF":
             for shape in link.shapes:
                 model.appendBodyToJoint(body, _weighed(shape), place)
-        # links between several joints of one body
-        # are in no file: no frame has their name
+        # links between several joints of one body are in no file
         if link.line:
             frame = pin.Frame(link.name, body, place, pin.FrameType.BODY)
             model.addFrame(frame, False)

@@ -146,8 +146,7 @@ def _loaded(text: str) -> Any:
         raise RecursionError
     loader = _Loader(text)
     try:
-        # the tree of nodes has each alias once,
-        # and is measured before it is written out
+        # the tree of nodes has each alias once: measured before it is written out
         root = loader.get_single_node()
         if root is None:
             return None

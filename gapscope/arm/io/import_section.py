@@ -136,8 +136,7 @@ class Import:
                 if name in out:
                     out[name] = out[name] @ inverse.T
             if "tau" in out:
-                # power is the same on both sides:
-                # tau_joint = R^T tau_motor, here of rows
+                # power is the same on both sides: R^T tau_motor, here of rows
                 out["tau"] = out["tau"] @ self.transmission
         # behind the transmission, on the joint's side
         return out if self.turned is None else out | self.turned.of_channels(out)

@@ -146,8 +146,7 @@ def weld_seam(
     fast, bend = np.abs([once.velocity(s), once.acceleration(s)]).max(axis=1)
     # a little longer, for what happens between the points
     by_joints = 1.001 * shortest(fast, bend, limits)
-    # s' is 1 / (1 - RAMP) at its middle, so that
-    # the tool is that much faster than on average
+    # in the middle the tool is faster than on average by 1 / (1 - RAMP)
     by_tool_speed = length / speed / (1 - RAMP)
     return lasting(max(by_joints, by_tool_speed, SHORTEST))
 
@@ -159,8 +158,7 @@ def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> B
     knots = [np.asarray(start, dtype=float)]
     for share in shares[1:]:
         target = Pose(at_start.position + share * way, at_start.rotation)
-        # each knot from the one before: of several
-        # solutions the near one, without leaps
+        # from the knot before: of several solutions the near one, without leaps
         knots.append(inverse_kinematics(kinematics, target, knots[-1]))
     return make_interp_spline(shares, np.array(knots), k=5)
 

@@ -114,8 +114,7 @@ class SnippetArm(NamedTuple):
         A value that is zero has no factor.
         """
         own = self.values[list(names)]
-        # factors about the exported value, lowest
-        # and highest of several values together
+        # factors about the exported value, where there is one
         sides = [
             (side[own.columns] / own).where(own > 0) for side in (self.low, self.high)
         ]
