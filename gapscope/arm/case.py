@@ -375,7 +375,7 @@ def _recordings(
     fitted = [part for entry in entries for part in fitted_parts(entry, parts)]
     judged = [part for entry in entries for part in judged_parts(entry, parts)]
     for text in content.get("judge", []):
-        # a whole file under judge: is one of the case format, not of the import section
+        # a whole file: ranges of rows and episodes are those of recordings:
         judged += fitted_parts(paths.entry(text, "judge"), Import())
     # fitted and held out together: a file may go on where one of the others ended
     found = joined_in_time([read(part) for part in (*fitted, *judged)])

@@ -126,7 +126,7 @@ class NominalArm:
         shapes |= dict.fromkeys((*SHEET_UNITS, "presliding"), (n,))
         for name, shape in shapes.items():
             value = getattr(self, name)
-            # zero if absent; no limit and no coupling are none of the kind
+            # zeros if absent, but for a limit and a coupling, which are then none
             if value is None and name not in ("torque_limit", "coupling"):
                 value = np.zeros(shape)
             if value is not None:

@@ -110,7 +110,7 @@ def locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | Non
         )
         check_file(path, remedy, absent="no such URDF file")
         return path, None
-    # that of PyBullet has meshes, the package's own has none
+    # that of PyBullet comes with its meshes
     package = pybullet_data()
     if package is not None and known.urdf:
         return package / known.urdf, known.joints

@@ -166,7 +166,7 @@ def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
     if silent.any():
         numbers = ", ".join(str(j + 1) for j in np.flatnonzero(silent))
         facts.append(f"it never changes on joint {numbers}")
-    # gravity holds a joint on one side, but not all joints and always
+    # gravity may hold one joint on one side, hardly all of them throughout
     if (values >= 0).all():
         facts.append("it is never negative: a magnitude, whose sign is lost")
     facts += _multiples(torque, table.channels)

@@ -276,7 +276,7 @@ class CollisionModel:
         self._shapes = _collision_shapes(arm, body)
         bodies = self._shapes.ngeoms
         if height is not None:
-            # a plane below the base, which is not to be hit
+            # all that lies below the height is solid
             ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), float(height))
             self._shapes.addGeometryObject(
                 pin.GeometryObject("surface", 0, 0, pin.SE3.Identity(), ground)
@@ -322,7 +322,7 @@ class CollisionModel:
         least, nearest = np.full(len(q), np.inf), np.zeros(len(q), dtype=int)
         if not self.pairs:
             return least, nearest
-        # of one posture after the other: pinocchio has no series of distances
+        # one posture at a time: pinocchio has no series of distances
         for i in range(len(q)):
             nearest[i] = self._compute(q[i])
             least[i] = self._geometry.distanceResults[int(nearest[i])].min_distance

@@ -328,7 +328,7 @@ def _leg(
         direction = np.array([np.cos(angle), np.sin(angle), 0.0])
     start, line = _draw_straight_line(rng, space, direction, speed)
     parts: list[Timed] = [*_move_and_rest(now, start, space.limits)]
-    # an object is lifted the way that it was come down to
+    # up again by the way that the tool came down
     for way in (line,) if kind == "seam" else (line, backwards(line)):
         end = _end(way)
         parts += [way, point_to_point(end, end, DWELL)]
