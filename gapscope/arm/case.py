@@ -337,6 +337,7 @@ def _with_coupling(arm: NominalArm, importing: Import | None) -> NominalArm:
     if arm.coupling is not None or importing is None or importing.transmission is None:
         return arm
     turned = importing.turned
+    # from the log's directions of the joints to those of the URDF
     signs = 1.0 if turned is None else np.array(turned.motion.factor)
     matrix = coupling_of_transmission(importing.transmission, signs)
     return replace(arm, coupling=matrix)
@@ -356,6 +357,7 @@ def _recordings(
         """One recording, with the known body that was mounted."""
         entry = part.entry
         files = [entry] if isinstance(entry, Path) else list(entry.values())
+        # of files side by side any may be the one that the load is named with
         loads = [payloads.get(real_path(file)) for file in files]
         recording = load_recording(
             entry,

@@ -31,6 +31,7 @@ def display_unit(unit: str, magnitude: float) -> tuple[float, str]:
     """Factor and name of the unit in which a value of this magnitude (in ``unit``, SI) reads best."""
     if unit not in _PREFIXES:
         return 1.0, unit.replace("^2", "²").replace("^3", "³")
+    # the last unit whose range the value has reached
     return [
         (factor, name)
         for least, factor, name in _PREFIXES[unit]

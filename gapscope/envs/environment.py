@@ -227,6 +227,7 @@ class SampledReference:
             states = motion.q, motion.dq, motion.ddq
             torque = feedforward(setup.arm, setup.body, model, *states)
         else:
+            # a model may look ahead, so that it is given more than the episode
             torque = np.asarray(model.series(motion))[:steps]
         row = [self.q, dq, *ahead, torque[chosen] / setup.control.rated]
         self.planned = np.pad(np.hstack(row), ((0, 1), (0, 0)), "edge")

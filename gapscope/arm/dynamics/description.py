@@ -266,6 +266,7 @@ class Description:
     @cached_property
     def by_name(self) -> dict[str, Link]:
         """Links by their names."""
+        # of two links of one name the last; the check of the tree says so
         return {link.name: link for link in self.links}
 
     @cached_property
@@ -611,6 +612,7 @@ class _UrdfReader(_Reader):
             name,
             self.lines[element],
             None if inertial is None else self._inertial(inertial, f"link {name}"),
+            # bodies and joints need no shapes, whose meshes would be looked for
             tuple(self._shape(x, f"shape of link {name}") for x in drawn if shapes),
         )
 
@@ -674,6 +676,7 @@ class _UrdfReader(_Reader):
         geometry, pose = element.find("geometry"), self._place(element, place)
         material = element.find("material")
         colour = None if material is None else self._rgba(material)
+        # a material that is only named takes the colour that the robot gives the name
         if material is not None and material.find("color") is None:
             colour = self._colours.get(material.get("name", ""))
         # a shape without <geometry> has the tag of its use, which is of no known size
@@ -746,6 +749,7 @@ class _MjcfReader(_Reader):
         self._angle = np.pi / 180 if degrees else 1.0
         self._euler = settings.get("eulerseq", "xyz")
         self._by_shape = settings.get("inertiafromgeom") == "true"
+        # without meshdir a name is relative to the file
         folder = settings.get("meshdir") or settings.get("assetdir") or ""
         self._folder = self.path.parent / folder
         self._meshes = {
@@ -789,6 +793,7 @@ class _MjcfReader(_Reader):
         def fill(element: ET.Element, inherited: str) -> None:
             inherited = element.get("childclass", inherited)
             for child in element:
+                # a class of the element, else that of the body around it
                 name = child.get("class", inherited)
                 for key in ("class", "childclass"):
                     if child.get(key, "main") not in classes:
@@ -935,6 +940,7 @@ class _MjcfReader(_Reader):
         limits *= self._angle if kind == "revolute" else 1.0
         limit = self._bound(element, "actuatorfrc", place)
         limit = min(limit, self._limits.get(name, np.inf))
+        # what pushes the joint and is not simulated is said, not passed over
         if self.any(element, "stiffness", 0.0, place).any():
             said = (
                 f"the spring of {place} (stiffness {element.get('stiffness')}, springref "
@@ -954,6 +960,7 @@ class _MjcfReader(_Reader):
             self._mimics.get(name),
             float(limits[0]) if given else None,
             float(limits[1]) if given else None,
+            # a limit of zero stands for none
             limit if 0 < limit < np.inf else None,
             None,
             self.one(element, "damping", place),

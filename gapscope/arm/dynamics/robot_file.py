@@ -66,6 +66,7 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
         other = found.place.removeprefix("joint ") not in joints
         # the limits of a joint that is locked have no say
         idle = joints and other and found.element.startswith("<limit")
+        # a place that cannot be read moves all that hangs on it
         posed = found.place in poses and not found.element.startswith("<inertial")
         if posed or (found.place in places and not idle):
             raise found.error(path)

@@ -352,6 +352,7 @@ def write_snippet(
         GapscopeError: the file cannot be written.
     """
     target = TARGETS[form]
+    # ranges have to be diagnosed first: without them such a file would be empty
     if ranges is None and target.needs_ranges:
         raise InputError(
             f"{form} holds ranges alone",
@@ -377,6 +378,7 @@ def write_snippet(
             _joints(plain, _moved(corrected, ranges, side), controller)
             for side in ("low", "high")
         )
+        # the file of bodies has no ranges: their masses are added on top
         bodies = _bodies(plain, ranges)
     arm = SnippetArm(plain, joints, low, high, bodies, ranges)
     with atomic_write(out) as aside:
