@@ -337,6 +337,7 @@ def _with_coupling(arm: NominalArm, importing: Import | None) -> NominalArm:
     if arm.coupling is not None or importing is None or importing.transmission is None:
         return arm
     turned = importing.turned
+    # from the log's directions of the joints to those of the URDF
     signs = 1.0 if turned is None else np.array(turned.motion.factor)
     matrix = coupling_of_transmission(importing.transmission, signs)
     return replace(arm, coupling=matrix)
@@ -356,6 +357,7 @@ def _recordings(
         """One recording, with the known body that was mounted."""
         entry = part.entry
         files = [entry] if isinstance(entry, Path) else list(entry.values())
+        # of files side by side any may be the one that the load is named with
         loads = [payloads.get(real_path(file)) for file in files]
         recording = load_recording(
             entry,
@@ -375,7 +377,7 @@ def _recordings(
     fitted = [part for entry in entries for part in fitted_parts(entry, parts)]
     judged = [part for entry in entries for part in judged_parts(entry, parts)]
     for text in content.get("judge", []):
-        # a whole file under judge: is one of the case format, not of the import section
+        # a whole file: ranges of rows and episodes are those of recordings:
         judged += fitted_parts(paths.entry(text, "judge"), Import())
     # fitted and held out together: a file may go on where one of the others ended
     found = joined_in_time([read(part) for part in (*fitted, *judged)])

@@ -40,7 +40,7 @@ def feedforward(
     Args:
         arm: the nominal arm.
         body: its rigid-body model.
-        kind: one of ``KINDS``.
+        kind: one of ``FEEDFORWARDS``.
         q, dq, ddq: reference position [rad], velocity [rad/s], acceleration [rad/s^2], each (N, n).
 
     Raises:

@@ -36,6 +36,7 @@ def display_unit(unit: str, magnitude: float) -> tuple[float, str]:
     """Factor and name of the unit in which a value of this magnitude (in ``unit``, SI) reads best."""
     if unit not in _PREFIXES:
         return 1.0, unit_name(unit)
+    # the last unit whose range the value has reached
     return [
         (factor, name)
         for least, factor, name in _PREFIXES[unit]

@@ -76,6 +76,7 @@ def check_file(
     if not isinstance(found, os.stat_result):
         why = f" ({found})" if found else ""
         raise InputError(f"{absent}{why}", remedy, file=path)
+    # what could never be read to its end: pipes, devices, sockets
     kind = stat.S_IFMT(found.st_mode)
     if kind != stat.S_IFREG:
         name = _KINDS.get(kind, "no regular file")
@@ -125,6 +126,7 @@ def digest_of(path: Path, remedy: str) -> bytes:
     digest = hashlib.sha256()
     try:
         with path.open("rb") as file:
+            # a dataset of any size is hashed with the memory of one piece
             while piece := file.read(PIECE):
                 digest.update(piece)
     except OSError as error:
@@ -246,5 +248,6 @@ def read_arrays(path: Path, remedy: str) -> dict[str, np.ndarray]:
         # sizes stand in the directory of the archive: nothing is unpacked for them
         with zipfile.ZipFile(path) as archive:
             check_unpacked(sum(x.file_size for x in archive.infolist()), path)
+        # pickles in an array would be run
         with np.load(path, allow_pickle=False) as content:
             return {name: np.asarray(content[name]) for name in content.files}

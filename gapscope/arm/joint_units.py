@@ -38,8 +38,7 @@ def size_per_radian(unit: str, sliding: Sequence[bool]) -> np.ndarray:
 
     A force is a torque over ``METRES_PER_RADIAN``, a distance an angle times it; masses and stiffnesses follow.
     """
-    # powers of the radian in each unit: torque is
-    # energy over angle, inertia over its square
+    # powers of the radian: torque is energy over angle, inertia over its square
     powers = {
         "rad": 1,
         "rad/s": 1,

@@ -126,8 +126,7 @@ class NominalArm:
         shapes |= dict.fromkeys((*SHEET_UNITS, "presliding"), (n,))
         for name, shape in shapes.items():
             value = getattr(self, name)
-            # zero of what is absent; a limit that is
-            # absent is no limit, and no coupling no matrix
+            # zeros if absent, but for a limit and a coupling, which are then none
             if value is None and name not in ("torque_limit", "coupling"):
                 value = np.zeros(shape)
             if value is not None:

@@ -67,6 +67,7 @@ class Columns:
 
         def per_joint(name: str, default: float | range) -> np.ndarray:
             values = np.array(entry.get(name, default), dtype=float)
+            # a list has one value for each joint, a number stands for all
             if values.ndim and values.shape != (n,):
                 raise InputError(
                     f"expected {n} entries, one per joint, got {values.size}",
@@ -236,6 +237,7 @@ class Reading:
             self.gravity + other.gravity,
             self.lead + self.pace * other.lead,
             self.pace * other.pace,
+            # the later one stands: gains are those at work, not a share of others
             other.law or self.law,
             self.own_velocity and other.own_velocity,
             self.smooth_reference or other.smooth_reference,
@@ -321,8 +323,7 @@ class Reading:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """True q [rad], dq [rad/s], ddq [rad/s^2] of those that the recorded positions and stamps give, (N, n) each."""
         source, factor = list(self.motion.source), np.array(self.motion.factor)
-        # speed and acceleration count in true time,
-        # and columns follow those of positions
+        # speed and acceleration count in true time, their columns as positions
         speed, acceleration = factor / self.time_factor, factor / self.time_factor**2
         return (
             self.motion(q, position=True),
@@ -394,6 +395,7 @@ class Reading:
                 error = (q_ref - recording.q)[:, j]
                 tau[:, j] = kp * error + kd * (dq_ref - rate)[:, j]
             recording = replace(recording, tau=tau)
+        # last: a gravity torque is added to what is right already
         if not self.gravity or recording.tau is None:
             return recording
         # of a torque without gravity, as UR's ``actual_current_as_torque``

@@ -277,8 +277,7 @@ def _held(t: np.ndarray, q: np.ndarray, series: np.ndarray) -> np.ndarray:
     # most torques never keep a value for three rows
     if min(lengths.max(initial=0), len(lengths)) < 3:
         return held
-    # values at the ends, which a limit keeps, are
-    # no measure of how long one usually lasts
+    # a limit keeps its values: they say nothing of how long one usually lasts
     extreme = np.isin(series[starts], (series.min(), series.max()))
     long = t[stops - 1] - t[starts] >= STUCK_TIME
     usual = _usual(lengths[~extreme & ~long])

@@ -102,6 +102,7 @@ def locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | Non
         return path, None
     known = KNOWN_ROBOTS.get(str(robot))
     if known is None:
+        # only what looks like one of its names: it may be downloaded
         if DESCRIPTION.fullmatch(str(robot)):
             return described(str(robot)), None
         remedy = (
@@ -110,7 +111,7 @@ def locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | Non
         )
         check_file(path, remedy, absent="no such URDF file")
         return path, None
-    # that of PyBullet has meshes, the package's own has none
+    # that of PyBullet comes with its meshes
     package = pybullet_data()
     if package is not None and known.urdf:
         return package / known.urdf, known.joints
@@ -198,6 +199,7 @@ def shifted_text(text: str, by: int, moved_only: bool = False) -> str:
     """URDF text with the ``<inertial>`` of each link that has one moved ``by`` such links further, in file order."""
     root = ET.fromstring(text)
     links = _links(root, moved_only)
+    # each link gives its own away before it gets another's
     inertials = [link.find("inertial") for link in links]
     # links in a ring: what falls off one end goes to the other
     givers = np.roll(np.arange(len(links)), by)
@@ -319,8 +321,10 @@ def load_nominal_arm(
         warnings.warn(note, ModelWarning, stacklevel=2)
     # what is given goes before what the file says
     values |= given
+    # a joint that follows the arm's adds its inertia to that of the rotor
     if reflected.any():
         values["armature"] = np.asarray(values["armature"], float) + reflected
+    # gravity that is given goes before that of the file
     if gravity is not None:
         values["gravity"] = np.asarray(gravity, dtype=float)
     try:

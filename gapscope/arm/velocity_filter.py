@@ -137,6 +137,7 @@ def rule_of(recording: Recording, controller: Controller) -> str:
     A rule that would be unstable at this rate and cut-off cannot be the controller's.
     """
     too_short = recording.duration < 3 * SETTLING
+    # too short for the filter to forget its start, or too slow for its cut-off
     if (
         recording.dq is None
         or controller.velocity_cutoff is None

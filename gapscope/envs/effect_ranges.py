@@ -178,6 +178,7 @@ def within_nominal(ranges: Iterable[EffectRange], arm: NominalArm) -> EffectRang
 def _hull(items: list[EffectRange], units: int) -> EffectRange:
     """The range that holds all of some ranges of an effect, of so many units."""
     effect = items[0].low.effect
+    # the same joints in all ranges, with what an absent effect has on the others
     joints = tuple(sorted({joint for item in items for joint in item.low.joints}))
     low, high = {}, {}
     for parameter in effect.parameters:

@@ -212,8 +212,7 @@ class SampledReference:
     def __init__(self, setup: Setup, reference: ReferenceMotion) -> None:
         model, timing = setup.feedforward, setup.timing
         steps = timing.actions * timing.sub_steps + 1
-        # feedforward by name asks for one state at
-        # a time, and for nothing beyond the end
+        # feedforward by name looks at one state, and at nothing beyond the end
         more = 0 if isinstance(model, str) else round(EXTENSION / timing.dt)
         t = timing.dt * np.arange(steps + more)
         self.motion = motion = Motion(
@@ -228,6 +227,7 @@ class SampledReference:
             states = motion.q, motion.dq, motion.ddq
             torque = feedforward(setup.arm, setup.body, model, *states)
         else:
+            # a model may look ahead, so that it is given more than the episode
             torque = np.asarray(model.series(motion))[:steps]
         row = [self.q, dq, *ahead, torque[chosen] / setup.control.rated]
         self.planned = np.pad(np.hstack(row), ((0, 1), (0, 0)), "edge")
@@ -411,8 +411,7 @@ def divergence_info(
     causes: list[str] = []
     gains = control.gains
     if gains is not None:
-        # of the nominal arm: the gains were made for
-        # it, and effects are a cause of their own
+        # of the nominal arm, for which gains are made: effects are another cause
         mass = setup.body.mass_matrix(q) + np.diag(arm.armature)
 
         def works(step: float) -> bool:
@@ -842,8 +841,7 @@ class Episodes:
         assert control.gains is not None and gains is not None
         before, velocity = self.torque, self.velocity
         reference, wanted = courses.steps()
-        # the reference also stands at the step after
-        # the last, the feedforward is not asked there
+        # the reference has one step more, at which the last action ends
         wanted = wanted[:-1]
         if control.multiplies:
             factor, scaled_gains = scaled(control.gains, action)
@@ -871,8 +869,7 @@ class Episodes:
             subtract(after, self._hold(torque, done), error)
             rate = estimate(error)
         courses.go_on()
-        # back from the derivative of the error to
-        # a velocity: dq = dq_ref - D(q_ref - q)
+        # from the derivative of the error to a velocity: dq = dq_ref - D(error)
         self.velocity = courses.rate - rate.reshape(before.shape)
         self.torque = wanted[-1].copy()
         self._note_series(wanted, before)
@@ -888,8 +885,7 @@ class Episodes:
             for number, network in self._networks.items():
                 table = felt.reshape(self.q.shape)
                 step = self.courses.at[number] * self._timing.sub_steps + done
-                # felt by the arm alone: what is observed
-                # and rewarded is what was commanded
+                # felt by the arm: what was commanded is observed and rewarded
                 table[number] -= network.torque(step)
         arms.hold(felt, self._chunk)
         dq = arms.dq
@@ -1228,8 +1224,7 @@ class VectorArmTracking(VectorEnv):
         kinds = [CATALOGUE[name] for name in names]
         motors = any(isinstance(x, Transmission) or x.reach == "motor" for x in kinds)
         together = engine == "mujoco" and not motors
-        # given effects may need motors or springs of
-        # their own: then a simulator for each arm
+        # effects with motors or stiff springs need a simulator for each arm
         try:
             self._episodes = episodes(together=together, threads=threads)
         except InputError:

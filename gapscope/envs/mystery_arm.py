@@ -115,6 +115,7 @@ def draw_effects(
             if drawn.joints
             else share.max(keepdims=True)
         )
+        # an effect that does not show is drawn again, until it does
         if own.min() >= VISIBLE:
             effects.append(drawn)
     raise GapscopeError(f"no visible effect in {DRAWS} draws", "use faster motions")

@@ -114,6 +114,7 @@ def record(
     targets = Targets.of(
         arm, controller, reference.position(held), reference.velocity(held), ddq
     )
+    # the arm itself is unknown to its controller, which believes the nominal one
     control = ControlLoop(controller, arm)
     filtered = VelocityFilter(
         controller.rate,
@@ -136,14 +137,14 @@ def record(
         encoder_noise=encoder_noise,
         rng=rng,
     ) as simulated:
-        # the recording's zero of time is that of
-        # drift and forces: the rest lies before it
+        # drift and forces count from the first row: the rest lies before it
         simulated.start(targets.q[0], targets.dq[0], t[0])
         loop = closed_loop(
             simulated, targets, control, lambda _, at: filtered(at), steps
         )
         for i, (q[i], dq[i], tau[i]) in enumerate(loop):
             if diverged(simulated.dq):
+                # backwards from the divergence
                 recent = targets.q[max(0, i - RECENT_TICKS) : i + 1][::-POSTURE_TICKS]
                 at_work, speed = simulated.effects, simulated.dq
                 raise _diverged(arm, at_work, controller, recent, speed, float(t[i]))
@@ -153,6 +154,7 @@ def record(
             # at the first tick from that time on
             if i + 1 < len(t) and t[i] < change <= t[i + 1]:
                 simulated.become(following, t[i + 1])
+    # from t = 0 on, a row for every so many ticks
     rows = np.arange(first, len(t), every)
     noise = rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
     return Recording(
@@ -377,6 +379,7 @@ def _motions(
 ) -> list[ReferenceMotion]:
     """A motion for each recording, from slow to as fast as the limits allow, or as the file of a motion has it."""
     slowest = SLOWEST if plan.recordings > 1 else 1.0
+    # from slow to fast: friction laws differ by velocity, inertia by acceleration
     speeds = np.linspace(slowest, 1.0, plan.recordings)
     if plan.motion.endswith(".csv"):
         sampled = read_sampled(Path(plan.motion), arm.n_joints)

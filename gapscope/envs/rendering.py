@@ -72,8 +72,7 @@ class Scene:
         self._draw_errors()
         self._draw_loads(self._panel(0.77, 0.1, 0.21, 0.32))
         self._draw_tool()
-        # scales start small and double: a panel
-        # that fits every picture would never rest
+        # scales start small and double: fitted to each picture they would jump
         self._spans, self._shown = [0.1, 0.1], [0.0, 0.0]
 
     def add(

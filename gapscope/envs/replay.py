@@ -170,8 +170,7 @@ def _tracked(
     reference = Motion(ticks, commands.q, commands.dq, commands.ddq)
     start, first = part.q[0], commands.at(0)
     recorded = None if part.dq is None else part.dq[0]
-    # with the rule by which its recorded velocity
-    # says that the controller differentiates
+    # by the rule that comes nearest to the velocity recorded
     velocity = VelocityFilter(
         controller.rate,
         controller.velocity_cutoff,
@@ -231,7 +230,8 @@ def _driven(
     # the recorded torque holds what the network stands for, the arm does not
     applied = tau
     if corrected.residual is not None:
-        spline = make_interp_spline(t, smooth, k=5)
+        # accelerations are smooth; the shortest stretches have four rows
+        spline = make_interp_spline(t, smooth, k=5 if len(t) > 5 else 3)
         motion = Motion(t, smooth, spline(t, 1), spline(t, 2))
         body = RigidBody(corrected.arm).carrying(recording.payload)
         load = replace(corrected, residual=None).predict(body, motion)

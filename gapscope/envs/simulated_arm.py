@@ -159,8 +159,7 @@ class ArmsTogether:
             for _ in range(START_TRIALS):
                 load = self.weight(number, q[body.order], still, time)
                 deflection = self.motors.deflection(load)[body.places]
-                # half of the way: where the weight changes
-                # with the link, the whole may swing
+                # half of the way: the whole may swing where the weight changes
                 q = 0.5 * q + 0.5 * (seen - deflection)
         self.reset(number, q[body.order], dq[body.order], time)
 
@@ -590,8 +589,7 @@ def closed_loop(
     for number, now in enumerate(followed):
         q = simulated.encoders()
         dq = velocity(now, q)
-        # the commander knows nothing of the network:
-        # its torque is given as it was commanded
+        # the controller knows nothing of the network: its torque is given as it is
         torque = felt = control(now, q, dq)
         if network is not None:
             network.see(number, q, dq)

@@ -221,8 +221,7 @@ def derivative_ratio(
         slope, speed = slope[numbers], speed[numbers]
         power = float(slope @ slope)
         scale = np.sqrt(power * float(speed @ speed))
-        # joint by joint: one that rests, or a
-        # channel that is something else, has no say
+        # a joint that rests, or a column that is something else, has no say
         if scale > 0 and abs(float(slope @ speed)) / scale > 0.9:
             ratios.append(float(slope @ speed) / power)
     return float(np.median(ratios)) if ratios else None
@@ -807,8 +806,7 @@ class _Blocks:
         self.still = np.ptp(values, axis=0) == 0
         # no rows are lost between
         self.next = np.diff(rows) == 1
-        # gain over SPAN rows against the sum of
-        # each column in between, all pairs at once
+        # gain of each column over SPAN rows, against the sum of every other
         whole = rows[SPAN:] - rows[:-SPAN] == SPAN
         gain = (values[SPAN:] - values[:-SPAN])[whole]
         middle = 0.5 * (values[1:] + values[:-1])
@@ -890,8 +888,7 @@ class _Blocks:
         if n > self.count:
             return 0, blocks
         stride = self.count // n
-        # of two orders the one with the smoother
-        # block: positions of all joints together
+        # joint by joint in place of block by block: the smoother block decides
         turned = tuple(sorted(range(n * stride), key=lambda place: place % stride))
         if self.count % n or stride == 1:
             return n, blocks
@@ -950,8 +947,7 @@ class _Blocks:
                 if 2 * alike.sum() >= moving.sum():
                     cosine = float(np.median(self.cosine[one, other][follows]))
                     strange = int((moving & ~follows).sum())
-                    # most joints alike, fewest that do not
-                    # follow, then how well they follow
+                    # most alike, fewest that do not follow, then how well
                     rank = (-int(alike.sum()), strange, -cosine)
                     scored.append((rank, one, other))
         taken: list[tuple[int, ...]] = []
@@ -1120,8 +1116,7 @@ class _Blocks:
             q, y = self.values[:, p], self.values[SPAN:-SPAN, w]
             speed = (q[2 * SPAN :] - q[: -2 * SPAN]) / 2
             bend = q[2 * SPAN :] - 2 * q[SPAN:-SPAN] + q[: -2 * SPAN]
-            # what its own joint's motion explains: a
-            # constant, place, speed, its sign, acceleration
+            # a constant, place, speed, its sign, and acceleration of the joint
             own = (np.ones_like(y), q[SPAN:-SPAN], speed, np.sign(speed), bend)
             columns = np.column_stack(own)
             left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]

@@ -166,7 +166,7 @@ def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
     if silent.any():
         numbers = ", ".join(str(j + 1) for j in np.flatnonzero(silent))
         facts.append(f"it never changes on joint {numbers}")
-    # gravity holds a joint on one side, but not all joints and always
+    # gravity may hold one joint on one side, hardly all of them throughout
     if (values >= 0).all():
         facts.append("it is never negative: a magnitude, whose sign is lost")
     facts += _multiples(torque, table.channels)
@@ -427,8 +427,7 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
             for log in logs
             for part in log.tables
         ]
-        # the names of files, then those of columns
-        # alone, then values: the first that tell
+        # names of files and columns, of columns alone, values: the first that tell
         if any(table.best("q") is not None for table in every):
             break
     tables = [table for table in every if table.channels]
@@ -587,8 +586,7 @@ def told_load(table: InspectedTable, arm: NominalArm) -> tuple[KnownLoad, str] |
             if frame.joint == arm.joints[-1]
             and frame.name.endswith(tuple(place["frames"]))
         ]
-        # the log gives the centre in a named link,
-        # a case in the frame of the last joint
+        # from the link that the log means into the frame of the last joint
         if frames:
             centre = frames[0].position + frames[0].rotation @ centre
             why += f"the frame of {frames[0].name}"

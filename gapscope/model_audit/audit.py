@@ -142,6 +142,7 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
 def check_static(static: StaticPoses) -> Iterator[Finding]:
     """What the measured gravity torque says of the model."""
     as_is = next(x for x in static.explanations if x.name == "the model as it is")
+    # nothing to say: what is left is as small as rounding and friction make it
     if as_is.misfit <= GRAVITY_MISFIT:
         return
     best = static.explanations[0]
@@ -173,6 +174,7 @@ def _read(robot: str | Path, recording: Path) -> tuple[NominalArm, list[Recordin
     if recording.suffix in (".yaml", ".yml") or is_file(recording / "case.yaml"):
         case = load_case(recording)
         arm, found = case.arm, [*case.recordings, *case.judged]
+        # the model that is audited takes the place of that of the case
         if not robot_is_case:
             arm = load_nominal_arm(
                 robot, joints=arm.joints, gravity=arm.gravity.tolist()
@@ -215,6 +217,7 @@ def _pose_gravity(body: RigidBody, q: np.ndarray) -> np.ndarray:
 
 def _line(model: np.ndarray, tau: np.ndarray) -> tuple[float, float, float]:
     """Correlation, scale and offset of measured over computed torque; nan where gravity does not act."""
+    # gravity does not act about a vertical axis: any scale would fit
     if model.std() < 1e-6 or tau.std() == 0:
         return np.nan, np.nan, float(tau.mean() - model.mean())
     correlation = float(np.corrcoef(model, tau)[0, 1])
@@ -400,6 +403,7 @@ def _weighed(finding: Finding, description: Description) -> Finding:
     inertial = description.by_name[name].inertial
     least = LIGHT_SHARE * total_mass(description)
     light = inertial is not None and 0 < inertial.mass < least
+    # the base does not move, however odd it is
     if not description.is_moved(name):
         why = "no joint moves it: of no effect on a fixed base"
     elif light:
@@ -449,6 +453,7 @@ def _gravity(case: Path | None, gravity: list[float] | None) -> Iterator[Finding
     """Gravity of a case [m/s^2] that is not that of the Earth."""
     if gravity is None:
         return
+    # the direction depends on how the base is mounted: only the size is known
     size = float(np.linalg.norm(gravity))
     if abs(size - STANDARD_GRAVITY) > GRAVITY_TOLERANCE:
         yield Finding(

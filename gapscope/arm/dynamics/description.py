@@ -266,6 +266,7 @@ class Description:
     @cached_property
     def by_name(self) -> dict[str, Link]:
         """Links by their names."""
+        # of two links of one name the last; the check of the tree says so
         return {link.name: link for link in self.links}
 
     @cached_property
@@ -374,8 +375,7 @@ class Description:
         """Links from the roots on, each before those that it holds and branch by branch."""
         order: dict[str, Link] = {}
         waiting = [link.name for link in self.links if link.name not in self.above]
-        # a stack, last in first out: reversed, so
-        # that the first branch is followed first
+        # a stack: reversed, so that the first branch is followed first
         waiting.reverse()
         while waiting:
             name = waiting.pop()
@@ -612,6 +612,7 @@ class _UrdfReader(_Reader):
             name,
             self.lines[element],
             None if inertial is None else self._inertial(inertial, f"link {name}"),
+            # bodies and joints need no shapes, whose meshes would be looked for
             tuple(self._shape(x, f"shape of link {name}") for x in drawn if shapes),
         )
 
@@ -675,6 +676,7 @@ class _UrdfReader(_Reader):
         geometry, pose = element.find("geometry"), self._place(element, place)
         material = element.find("material")
         colour = None if material is None else self._rgba(material)
+        # a material that is only named takes the colour that the robot gives the name
         if material is not None and material.find("color") is None:
             colour = self._colours.get(material.get("name", ""))
         # a shape without <geometry> has the tag of its use, which is of no known size
@@ -747,14 +749,14 @@ class _MjcfReader(_Reader):
         self._angle = np.pi / 180 if degrees else 1.0
         self._euler = settings.get("eulerseq", "xyz")
         self._by_shape = settings.get("inertiafromgeom") == "true"
+        # without meshdir a name is relative to the file
         folder = settings.get("meshdir") or settings.get("assetdir") or ""
         self._folder = self.path.parent / folder
         self._meshes = {
             mesh.get("name") or Path(mesh.get("file", "")).stem: mesh
             for mesh in self.root.findall("asset/mesh")
         }
-        # before anything is read: elements then say
-        # themselves what their class gives them
+        # first of all: then elements themselves say what their class gives them
         self._give_defaults()
         self.unread += [
             ("", f"{what} is not read")
@@ -791,6 +793,7 @@ class _MjcfReader(_Reader):
         def fill(element: ET.Element, inherited: str) -> None:
             inherited = element.get("childclass", inherited)
             for child in element:
+                # a class of the element, else that of the body around it
                 name = child.get("class", inherited)
                 for key in ("class", "childclass"):
                     if child.get(key, "main") not in classes:
@@ -872,8 +875,7 @@ class _MjcfReader(_Reader):
                 _, kp, kd = -np.pad(given, (0, 3))[:3]
                 own = (float(kp), float(kd))
             if own is not None:
-                # once through the gear to the actuator's
-                # length, and once back to the joint's torque
+                # through the gear to the actuator's length, and back to torque
                 self._gains[name] = tuple(gear**2 * gain for gain in own)
 
     def _bound(self, element: ET.Element, of: str, place: str) -> float:
@@ -938,6 +940,7 @@ class _MjcfReader(_Reader):
         limits *= self._angle if kind == "revolute" else 1.0
         limit = self._bound(element, "actuatorfrc", place)
         limit = min(limit, self._limits.get(name, np.inf))
+        # what pushes the joint and is not simulated is said, not passed over
         if self.any(element, "stiffness", 0.0, place).any():
             said = (
                 f"the spring of {place} (stiffness {element.get('stiffness')}, springref "
@@ -957,6 +960,7 @@ class _MjcfReader(_Reader):
             self._mimics.get(name),
             float(limits[0]) if given else None,
             float(limits[1]) if given else None,
+            # a limit of zero stands for none
             limit if 0 < limit < np.inf else None,
             None,
             self.one(element, "damping", place),

@@ -276,7 +276,7 @@ class CollisionModel:
         self._shapes = _collision_shapes(arm, body)
         bodies = self._shapes.ngeoms
         if height is not None:
-            # a plane below the base, which is not to be hit
+            # all that lies below the height is solid
             ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), float(height))
             self._shapes.addGeometryObject(
                 pin.GeometryObject("surface", 0, 0, pin.SE3.Identity(), ground)
@@ -291,8 +291,7 @@ class CollisionModel:
                 apart.append((first, second))
         self._set_pairs(apart)
         candidates = self.pairs
-        # each posture once, for all pairs: which touch
-        # by construction, and how near others come
+        # which pairs touch by construction, and how near others come
         distances = self._sampled()
         overlapping = distances <= 0
         # hulls that overlap at zero or nearly always do so by construction
@@ -323,7 +322,7 @@ class CollisionModel:
         least, nearest = np.full(len(q), np.inf), np.zeros(len(q), dtype=int)
         if not self.pairs:
             return least, nearest
-        # of one posture after the other: pinocchio has no series of distances
+        # one posture at a time: pinocchio has no series of distances
         for i in range(len(q)):
             nearest[i] = self._compute(q[i])
             least[i] = self._geometry.distanceResults[int(nearest[i])].min_distance

@@ -116,6 +116,7 @@ def plain_urdf(links: tuple[Link, ...]) -> str:
         ET.SubElement(joint, "axis", xyz=numbers(link.axis))
         # a URDF asks for limits of every joint but a continuous one
         if kind != "continuous":
+            # what engines make of limits that are none differs: wide ones are written
             low, high = link.limits or (-UNLIMITED, UNLIMITED)
             ET.SubElement(
                 joint,
@@ -160,6 +161,7 @@ def check_inertia(body: RigidBody, at_fault: str = "") -> None:
     ]
     # the joint that most takes part in a motion without kinetic energy in the zero posture, or a negative one in others
     low, high = np.clip(body.position_limits(), -np.pi, np.pi)
+    # the same postures at each call, so that an error comes again
     share = np.random.default_rng(0).uniform(size=(POSTURES, body.n_joints))
     postures = [np.zeros(body.n_joints), *(low + share * (high - low))]
     for k, q in enumerate(() if bad else postures):
@@ -235,6 +237,7 @@ def plain_mjcf(links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> str:
     )
     bodies = {"": ET.SubElement(root, "worldbody")}
     for link in links:
+        # parents come before children: each body goes into that of its parent
         body = ET.SubElement(bodies[link.parent], "body")
         bodies[link.joint] = body
         _add_place(body, link.origin)

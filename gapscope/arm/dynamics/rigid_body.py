@@ -164,8 +164,7 @@ class RigidBody:
         other._data = other.model.createData()
         for link, increment in zip(self.links.tolist(), increments, strict=True):
             if np.any(increment):
-                # pinocchio's parameters are linear in mass,
-                # first and second moments, so that they add up
+                # first and second moments about the joint's frame add up
                 total = self.model.inertias[link].toDynamicParameters() + increment
                 inertia = pin.Inertia.FromDynamicParameters(total)
                 other.model.inertias[link] = inertia

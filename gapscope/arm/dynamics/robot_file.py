@@ -66,6 +66,7 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
         other = found.place.removeprefix("joint ") not in joints
         # the limits of a joint that is locked have no say
         idle = joints and other and found.element.startswith("<limit")
+        # a place that cannot be read moves all that hangs on it
         posed = found.place in poses and not found.element.startswith("<inertial")
         if posed or (found.place in places and not idle):
             raise found.error(path)
@@ -315,8 +316,7 @@ def arm_model(
         elif body and link.drawn and description.form == "MJCF":
             for shape in link.shapes:
                 model.appendBodyToJoint(body, _weighed(shape), place)
-        # links between several joints of one body
-        # are in no file: no frame has their name
+        # links between several joints of one body are in no file
         if link.line:
             frame = pin.Frame(link.name, body, place, pin.FrameType.BODY)
             model.addFrame(frame, False)

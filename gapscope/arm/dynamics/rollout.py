@@ -161,8 +161,7 @@ class Stepper:
         nominal = body.inertial_parameters().reshape(-1, 10)
         self._moved = body.changed(plant.inertial - nominal)
         rotors = plant.armature[self.order]
-        # rotors depend on the slope of friction,
-        # and so on each state: one model for each
+        # rotors hold the slope of friction, of each state its own: a model for each
         self._forward = [ForwardDynamics(self._moved, rotors) for _ in range(states)]
         self.set_drives(plant)
 
@@ -384,8 +383,7 @@ def sensitivity(
     q_along, dq_along = at_rest, at_rest
     for i in range(len(q)):
         encoder_along = q_along[:, places]
-        # along the directions the feedback is -kp
-        # dq - kd dv: commands do not depend on them
+        # the commands do not depend on the parameters: feedback alone is left
         feedback = kp * encoder_along + kd * velocity(encoder_along)
         command_along = -unlimited[i][..., None] * feedback
         position_along[i] = encoder_along

@@ -63,6 +63,7 @@ class _Loader(yaml.SafeLoader):
         """Mapping of a YAML node, each key once."""
         seen = set()
         for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
+            # a key may be a list or a mapping, which no case has: the schema says so
             if not isinstance(key, yaml.ScalarNode):
                 continue
             # PyYAML takes the last of two equal keys without a word
@@ -120,6 +121,7 @@ def read_yaml(path: Path, remedy: str) -> Any:
     try:
         return _loaded(text)
     except yaml.MarkedYAMLError as error:
+        # a fault that has no mark is of the whole file
         mark = error.problem_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         raise InputError(
@@ -146,8 +148,7 @@ def _loaded(text: str) -> Any:
         raise RecursionError
     loader = _Loader(text)
     try:
-        # the tree of nodes has each alias once,
-        # and is measured before it is written out
+        # the tree of nodes has each alias once: measured before it is written out
         root = loader.get_single_node()
         if root is None:
             return None
@@ -174,6 +175,7 @@ def _expanded_size(node: yaml.Node, known: dict[int, int]) -> int:
     size = 1
     if isinstance(node, yaml.SequenceNode):
         size += sum(_expanded_size(entry, known) for entry in node.value)
+    # a mapping's keys count as well as what they stand for
     if isinstance(node, yaml.MappingNode):
         size += sum(_expanded_size(part, known) for pair in node.value for part in pair)
     known[id(node)] = size
@@ -489,5 +491,6 @@ def known_loads(content: Mapping[str, Any], paths: CasePaths) -> dict[Path, Know
             load = KnownLoad(float(entry["mass"]), (x, y, z))
         except InputError as error:
             raise error.at(paths.file, f"field payloads.{name}") from None
+        # by its real path, whatever link or dots the name has
         found[real_path(files[name])] = load
     return found

@@ -136,8 +136,7 @@ class Import:
                 if name in out:
                     out[name] = out[name] @ inverse.T
             if "tau" in out:
-                # power is the same on both sides:
-                # tau_joint = R^T tau_motor, here of rows
+                # power is the same on both sides: R^T tau_motor, here of rows
                 out["tau"] = out["tau"] @ self.transmission
         # behind the transmission, on the joint's side
         return out if self.turned is None else out | self.turned.of_channels(out)
@@ -229,6 +228,7 @@ def _per_joint(values: Sequence[Any], n_joints: int, key: str) -> Sequence[Any]:
 def _time(entry: str | int | Mapping[str, Any]) -> TimeColumn:
     if not isinstance(entry, Mapping):
         return TimeColumn(str(entry))
+    # two ways to say one thing may contradict each other
     if "rate" in entry and "unit" in entry:
         raise _fault(
             "time",
@@ -269,6 +269,7 @@ def _transmission(entry: Mapping[str, Any], n_joints: int) -> np.ndarray:
         matrix = np.diag(np.array(ratios, dtype=float))
         where = "field import.transmission.coupling"
         matrix = coupled(matrix, entry.get("coupling", []), where)
+    # n independent motors move n joints, or some motion is not recorded
     if np.linalg.matrix_rank(matrix) < n_joints:
         raise _fault(
             "transmission", "cannot be inverted", "each motor has to move a joint"
@@ -309,6 +310,7 @@ def _channel(name: str, entry: Any, n_joints: int) -> Channel | None:
             )
         # without a ratio the constants are those of the joint's side already
         factor = factor * (number("motor_constant") * number("gear_ratio"))
+    # a constant without a current would be a scale in disguise
     elif "motor_constant" in entry or "gear_ratio" in entry:
         raise _fault(
             name,

@@ -159,6 +159,7 @@ def write_document(content: Mapping[str, Any], path: Path | str, name: str) -> N
     Raises:
         GapscopeError: the document is not valid, or ``path`` cannot be written.
     """
+    # the schema has finite numbers or null
     found = plain(content, null_if_not_finite=True)
     check_document(found, name)
     write_json(found, path)

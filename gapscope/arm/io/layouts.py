@@ -142,6 +142,7 @@ class Layout:
     def place(self, channel: str, table: Table) -> Place | None:
         """Where a table of this layout holds a channel, or ``None``."""
         places = self.places.get(channel, ())
+        # the first of its places that the table has
         return next((p for p in places if joints_in(p.column, table.columns)), None)
 
     def fits(self, table: Table) -> bool:
@@ -181,4 +182,5 @@ def layout_of_kind(kind: str) -> Layout | None:
 def layout_of(table: Table) -> Layout | None:
     """The known layout of a table by the kind of its messages, else by its columns; ``None`` of an unknown one."""
     fitting = (layout for layout in LAYOUTS if not layout.kind and layout.fits(table))
+    # the type of a message says more than names of columns
     return layout_of_kind(table.kind) or next(fitting, None)

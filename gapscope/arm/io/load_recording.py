@@ -257,8 +257,7 @@ class _Reader:
         self.log = self.logs[label]
         channel = importing.channels["q"]
         assert channel is not None
-        # a file of the case format is read as such,
-        # unless the case's columns are there too
+        # in the case format, unless the columns of the section are there too
         if len(self.log.tables) == 1:
             columns = self.log.tables[0].columns
             names = map(self.log.tables[0].named, channel.names(arm.joints))

@@ -60,7 +60,7 @@ def even_stamps_of_rows(t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
         q: positions [rad], (N, n).
     """
     steps = np.diff(t)
-    # a step of two periods is a lost row, of which stamps and rows differ
+    # longer steps have lost rows in them: counted, they would be too short
     if len(t) < 4 or steps.max() > LOST_SAMPLE_STEP * np.median(steps):
         return None
     rows = np.arange(len(t), dtype=float)

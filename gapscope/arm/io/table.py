@@ -403,8 +403,7 @@ def damage(table: Table, columns: Iterable[str], time: str | None = None) -> Dam
             wrong = ~(sizes <= (LARGEST_NUMBER if column == time else BEYOND))
         lacking = wrong & np.isnan(sizes)
         cells = table.columns[column]
-        # an empty cell is a lack, a text is damage;
-        # numbers in arrays are nan either way
+        # an empty cell is a lack, a text is damage; an array has nan for both
         if not isinstance(cells, np.ndarray):
             texts = np.flatnonzero(lacking)
             said = [str(cells[row] or "").strip().lower() for row in texts]

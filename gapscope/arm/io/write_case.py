@@ -111,11 +111,13 @@ def write_case(
             )
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
+        # into a folder beside it: the case is there whole, or the old one stays
         with folder_aside(folder) as aside:
             fresh, old = aside / "new", aside / "old"
             fresh.mkdir()
             _fill(case, fresh, ending)
             beside(fresh)
+            # the old one out of the way, the new one in its place: two renames
             if folder.exists():
                 folder.rename(old)
             fresh.rename(folder)

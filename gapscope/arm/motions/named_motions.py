@@ -146,8 +146,7 @@ def weld_seam(
     fast, bend = np.abs([once.velocity(s), once.acceleration(s)]).max(axis=1)
     # a little longer, for what happens between the points
     by_joints = 1.001 * shortest(fast, bend, limits)
-    # s' is 1 / (1 - RAMP) at its middle, so that
-    # the tool is that much faster than on average
+    # in the middle the tool is faster than on average by 1 / (1 - RAMP)
     by_tool_speed = length / speed / (1 - RAMP)
     return lasting(max(by_joints, by_tool_speed, SHORTEST))
 
@@ -159,8 +158,7 @@ def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> B
     knots = [np.asarray(start, dtype=float)]
     for share in shares[1:]:
         target = Pose(at_start.position + share * way, at_start.rotation)
-        # each knot from the one before: of several
-        # solutions the near one, without leaps
+        # from the knot before: of several solutions the near one, without leaps
         knots.append(inverse_kinematics(kinematics, target, knots[-1]))
     return make_interp_spline(shares, np.array(knots), k=5)
 
@@ -330,7 +328,7 @@ def _leg(
         direction = np.array([np.cos(angle), np.sin(angle), 0.0])
     start, line = _draw_straight_line(rng, space, direction, speed)
     parts: list[Timed] = [*_move_and_rest(now, start, space.limits)]
-    # an object is lifted the way that it was come down to
+    # up again by the way that the tool came down
     for way in (line,) if kind == "seam" else (line, backwards(line)):
         end = _end(way)
         parts += [way, point_to_point(end, end, DWELL)]

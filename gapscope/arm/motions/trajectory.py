@@ -196,7 +196,7 @@ class Fourier(Timed):
                 where="centre",
             )
         harmonics = np.arange(1, order + 1)[:, None]
-        # 1 / k: high harmonics would make accelerations and no way
+        # 1 / k: high harmonics would take up the acceleration and make no way
         sine, cosine = rng.standard_normal((2, order, len(centre))) / harmonics
         unit = cls(np.zeros_like(centre), sine, cosine, frequency, duration, ramp)
         # the motion is linear in its coefficients, so the tightest limit gives their scale
@@ -371,8 +371,7 @@ class Sampled(Timed):
     def curve(self) -> Curve:
         """By the Bernstein coefficients of all steps at once, from both ends inwards."""
         m, h = self.motion, np.diff(self.motion.t)[:, None]
-        # a quintic's coefficients q, q + h dq / 5,
-        # q + 2 h dq / 5 + h^2 ddq / 20, and back
+        # of a step h: q, q + h dq / 5, q + 2 h dq / 5 + h^2 ddq / 20
         speed, bend = m.dq / 5, m.ddq / 20
         start = [
             m.q[:-1],

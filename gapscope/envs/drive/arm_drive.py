@@ -459,8 +459,7 @@ class ArmDrive:
             isinstance(e.effect, Inertial) and not e.joints for e in effects
         )
         self.body = self.corrected.body(nominal)
-        # errors of links alone can make bodies that
-        # no torque moves; the message names them
+        # errors of links can make bodies that no torque moves: they are named
         if changes:
             check_inertia(self.body, ", ".join(changes))
         order = nominal.order

@@ -153,8 +153,7 @@ def repeated(
     notes = _Notes()
     arguments = [_Noted(notes, np.zeros(size), number) for number in range(count)]
     try:
-        # called once with arrays that note what is
-        # done to them; zeros may divide by zero
+        # called once with arrays that note what is done; zeros may be divided by
         with np.errstate(all="ignore"):
             result: Any = function(*arguments)
     # it asked for a value, or did what is no ufunc
@@ -273,8 +272,7 @@ class DryFriction:
             known = direction * limit
             # unknowns: the velocity of moving joints, the impulse of stuck ones
             x = dgesv(np.where(stuck, self._identity, inertia), momentum - known)[2]
-            # one that sticks needs no more than its
-            # limit, one that slides does not turn back
+            # one that sticks needs at most its limit, one that slides goes on
             wrong = np.where(stuck, np.abs(x) > limit, dry & (x * direction < 0))
             if not wrong.any():
                 self.sticks = stuck
@@ -425,8 +423,7 @@ class CoupledMotors:
 
     def __init__(self, arm: CorrectedArm, body: RigidBody, dt: float) -> None:
         n, order = arm.arm.n_joints, body.order
-        # speeds of the motors over those of the
-        # joints; without coupling each turns its own
+        # motor speeds over joint speeds; without coupling each turns its own joint
         drives = np.eye(n) if arm.arm.coupling is None else arm.arm.coupling
         viscous = arm.quantity("motor_damping")
         rotors = arm.quantity("motor_rotor")
@@ -473,8 +470,7 @@ class CoupledMotors:
         out = torque - viscous * dq - self._forward.bias(q, dq)
         speed = self._drives @ dq
         own = self._rotors + dt * self._viscous
-        # joints and motors in one mass matrix, with
-        # the tie as a stiff damper between them
+        # one mass matrix of joints and motors, the tie a stiff damper between them
         together = TIE * inertia.max() * (self._tied.T @ self._tied)
         together[:n, :n] += inertia
         together[n:, n:] += np.diag(own)
@@ -483,8 +479,7 @@ class CoupledMotors:
         limits = dt * np.concatenate([limit, self._limit(speed)])
         after, impulse = self._friction.solve(together, momentum, limits)
         change = self._rotors * (after[n:] - speed) + impulse[n:]
-        # what rotors and friction of the motors took
-        # in this step, given on to their joints
+        # what rotors and friction of the motors took, given on to their joints
         return np.asarray((change / dt + self._viscous * after[n:]) @ self._drives)
 
     def _limit(self, speed: np.ndarray) -> np.ndarray:
@@ -561,8 +556,7 @@ class TorquePath(Rows):
         self._heats = bool(self._heat.fading.any())
         self._in_time = bool(self._lags or self._whole.any() or self._fraction.any())
         self.constant = not self.changing.any()
-        # the latest command, and two at the end of
-        # the longest delay, which change in a step
+        # the latest command, and the two between which the longest delay changes
         length = int(self._whole.max()) + 2
         if self._held.shape != (length, size):
             self._held, self._now = np.zeros((length, size)), -1
@@ -701,12 +695,10 @@ class _Lag(Rows):
     def __call__(self, older: np.ndarray, newer: np.ndarray) -> np.ndarray:
         """Mean over the step [N m]; the state moves on to its end."""
         start = self._state
-        # the state at the change within the step,
-        # from where it goes towards the newer torque
+        # the state at the change within the step
         middle = older + (start - older) * self._before
         self._state = newer + (middle - newer) * self._after
-        # each part of the step has its torque, and
-        # the integral of what the lag is behind it
+        # each part of the step: its torque, and the integral of what lags behind
         mean = older * self._fraction + (start - older) * self._span_before
         mean = mean + newer * (1.0 - self._fraction)
         return mean + (middle - newer) * self._span_after

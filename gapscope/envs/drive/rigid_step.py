@@ -102,8 +102,7 @@ class RigidStep:
         bodies, work = self._bodies, self._work
         if self._coupled:
             torque = torque - self._taken(torque, limit)
-        # b dq here and dt b in the inertia: together
-        # b times the velocity after the step
+        # with dt b in the inertia: b times the velocity after the step
         multiply(self._viscous, self.dq, work)
         if not self._any_dry:
             subtract(torque, work, bodies.force)
@@ -211,8 +210,7 @@ class RigidStep:
             self._forward[arm] = forward
         forward.set_rotors(effective)
         inertia = forward.mass_matrix(q)
-        # dt b dq in the product with the inertia
-        # cancels the b dq that was taken off before
+        # dt b dq in the product with the inertia cancels b dq in the torque
         momentum = inertia @ dq + self._dt * (out - forward.bias(q, dq))
         self._friction.direction = guess.copy()
         self._friction.solve(inertia, momentum, self._dt * most)

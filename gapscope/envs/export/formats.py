@@ -95,8 +95,7 @@ def _fix_others(root: ET.Element, arm: PlainArm) -> tuple[str, ...]:
             # before the type is changed, which says how the position counts
             _set_origin(joint, position)
             joint.set("type", "fixed")
-            # limits, friction and mimic of a joint
-            # that is fixed would be refused or mislead
+            # a fixed joint has no limits, friction or mimic
             for element in list(joint):
                 if element.tag not in ("origin", "parent", "child"):
                     joint.remove(element)
@@ -124,8 +123,7 @@ def _set_origin(joint: ET.Element, position: float) -> None:
     if joint.get("type") == "prismatic":
         place = place + turn.apply(position * direction)
     else:
-        # R_place R_axis: about the axis in the
-        # joint's frame, behind the turn of its origin
+        # about the axis in the joint's frame, behind the turn of its origin
         turn = turn * Rotation.from_rotvec(position * direction)
     origin.set("xyz", numbers(place))
     origin.set("rpy", numbers(turn.as_euler("xyz")))
@@ -172,8 +170,7 @@ def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
     child = {j.get("name", ""): _end(j, "child") for j in root.findall("joint")}
     described = read_description(arm.body.file, shapes=False).by_name
     increments = arm.corrected.inertial_increments(arm.nominal)
-    # inertia of links that are fixed to one counts
-    # with it: what may be taken off is theirs
+    # inertia of a link and of what is fixed to it, in the order of the joints
     merged = arm.body.inertial_parameters().reshape(-1, 10)
     for joint, increment, total in zip(
         arm.corrected.arm.joints, increments, merged, strict=True
@@ -219,8 +216,7 @@ def _shift_zeros(root: ET.Element, arm: PlainArm) -> None:
         zero = float(zeros.get(joint.get("name"), 0.0))
         if zero == 0:
             continue
-        # the coordinate is the true one plus the
-        # zero: the origin turns back, limits move on
+        # coordinate = true + zero: the origin turns back, limits move on
         _set_origin(joint, -zero)
         for tag, name in LIMITS:
             element = joint.find(tag)
@@ -321,8 +317,7 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         if problem := _unreadable(shape):
             notes.append(f"a {shape.use} shape of link {shape.frame.name}: {problem}")
             continue
-        # one mesh of one scale is written once,
-        # under the name of the first shape with it
+        # a mesh of one scale is written once, named after its first shape
         if shape.mesh is not None:
             file = mesh_path(shape.mesh, out, relative)
             own = f"{Path(file).stem}_{number}"
@@ -332,8 +327,7 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         bristle = dry_bristle(drive, step)
         if bristle is not None and builds_up(drive):
             distance = bristle.coulomb / bristle.stiffness
-            # as stiff as the step allows is softer than
-            # asked for: more than rounding is told
+            # the step did not allow the stiffness: more than rounding is told
             if distance > 1.01 * drive.presliding:
                 notes.append(
                     f"presliding of {joint}: friction builds up over {distance:.3g} rad in place of "

@@ -114,8 +114,7 @@ class SnippetArm(NamedTuple):
         A value that is zero has no factor.
         """
         own = self.values[list(names)]
-        # factors about the exported value, lowest
-        # and highest of several values together
+        # factors about the exported value, where there is one
         sides = [
             (side[own.columns] / own).where(own > 0) for side in (self.low, self.high)
         ]
@@ -353,6 +352,7 @@ def write_snippet(
         GapscopeError: the file cannot be written.
     """
     target = TARGETS[form]
+    # ranges have to be diagnosed first: without them such a file would be empty
     if ranges is None and target.needs_ranges:
         raise InputError(
             f"{form} holds ranges alone",
@@ -378,6 +378,7 @@ def write_snippet(
             _joints(plain, _moved(corrected, ranges, side), controller)
             for side in ("low", "high")
         )
+        # the file of bodies has no ranges: their masses are added on top
         bodies = _bodies(plain, ranges)
     arm = SnippetArm(plain, joints, low, high, bodies, ranges)
     with atomic_write(out) as aside:

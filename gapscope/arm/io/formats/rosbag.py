@@ -203,8 +203,7 @@ def tables_of_samples(
         for sample in samples:
             groups[frozenset(sample.joints)].append(sample)
         for group in groups.values():
-            # nanoseconds as whole numbers: a date
-            # in seconds has no digits left for them
+            # whole nanoseconds: a float of a date has no digits left for them
             stamps = [(s.stamp or s.logged - lead) - start for s in group]
             columns, dropped = _columns(group)
             columns = {"t": np.array(stamps, dtype=np.int64) * 1e-9, **columns}
@@ -248,8 +247,7 @@ def followed_trajectories(points: Sequence[Sample]) -> list[Sample]:
     """
     kept: list[Sample] = []
     for point in points:
-        # what was planned for later than the start
-        # of the next trajectory never happened
+        # what was due after the start of the next trajectory never happened
         while kept and kept[-1].logged < point.logged and kept[-1].stamp >= point.stamp:
             kept.pop()
         kept.append(point)
