@@ -402,10 +402,13 @@ class SheetComparison(Comparison):
     def parameters(self, name: str) -> dict[str, dict[str, object]]:
         """Values with their standard deviations, and those by the commands of what acts linearly."""
         out, by_commands = super().parameters(name), self.by_commands.get(name)
+        if by_commands is None:
+            return out
         nonlinear = self._terms(name)[0].parametrisation.nonlinear
-        for parameter, value in by_commands.parameters.items() if by_commands else ():
+        for parameter in by_commands.given:
             # searched parameters and link numbers are no coordinates
             if parameter not in (*nonlinear, "link"):
+                value = by_commands.parameters[parameter]
                 out[parameter]["by_commands"] = value.tolist()
         return out
 

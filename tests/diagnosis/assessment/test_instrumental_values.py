@@ -20,9 +20,9 @@ CONTROLLER = PD(
 )
 
 
-def case(noise: float) -> Case:
+def case(noise: float, truth: Truth = ROTOR) -> Case:
     """A case whose encoders have white noise [rad], and whose references are what the arm did."""
-    sound, rng = synthetic.case(ROTOR, seed=11), np.random.default_rng(2)
+    sound, rng = synthetic.case(truth, seed=11), np.random.default_rng(2)
     loud = tuple(
         replace(r, q=r.q + noise * rng.standard_normal(r.q.shape), q_ref=r.q)
         for r in sound.recordings
@@ -47,6 +47,13 @@ def test_good_encoders_need_none() -> None:
     assert value == pytest.approx(0.5, rel=0.03) and by_commands == pytest.approx(
         value, rel=0.02
     )
+
+
+def test_parameters_that_are_left_out_have_no_value_by_the_commands() -> None:
+    document = diagnose(case(0.0, Truth(scale=(0.0, 0.2, 0.0)))).document
+    (entry,) = document["effects"]
+    assert entry["effect"] == "torque_scale" and set(entry["parameters"]) == {"scale"}
+    assert entry["parameters"]["scale"]["by_commands"] == pytest.approx([0.2], rel=0.1)
 
 
 @pytest.mark.nightly
