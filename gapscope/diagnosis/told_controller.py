@@ -477,8 +477,10 @@ def told_controller(case: Case) -> ToldController:
     # the scale is known as well as masses are, and what no law explains may be in any gain
     share = best.left / np.maximum(rows.error, np.finfo(float).tiny)
     unsure = np.hypot(share, INERTIAL_ERROR)[:, None]
-    std = np.hypot(best.std, best.gains * unsure)
-    std[:, 1] = np.hypot(std[:, 1], best.gains[:, 0] * rows.late)
+    # the gain of a joint that rests is beyond all numbers, and is not told
+    with np.errstate(over="ignore", invalid="ignore"):
+        std = np.hypot(best.std, best.gains * unsure)
+        std[:, 1] = np.hypot(std[:, 1], best.gains[:, 0] * rows.late)
     return ToldController(law, delay, best.gains, std, share)
 
 

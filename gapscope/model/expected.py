@@ -119,7 +119,8 @@ def detectable(
         sizes = np.maximum(sizes, least)
         # what explains most of it in its place, if it can have the value
         explained = {}
-        for other in further:
+        # what is never named needs no rival
+        for other in further if np.isfinite(sizes[1]) else ():
             pull = information[at[other], mine[0]]
             value = wide[other][0] @ pull
             if other is not one and not _told_apart(one, other):
@@ -128,7 +129,7 @@ def detectable(
                 chance = weigher.chance(other.term, value * sizes[1] / scale, std)
                 if np.isfinite(chance):
                     explained[other] = float(pull @ value)
-        if explained and np.isfinite(sizes[1]):
+        if explained:
             rival = max(explained, key=lambda other: explained[other])
             against, penalty = wide[rival]
             # more likely than the rival and nothing together, if these are as likely
