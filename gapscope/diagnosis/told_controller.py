@@ -40,6 +40,7 @@ from gapscope.diagnosis.thresholds import (
     MOTION_INDEPENDENT_RATE,
 )
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.effect_ranges import Z95
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -61,8 +62,6 @@ TICK = 1.0 / (4 * TORQUE_CUTOFF)
 """Step of delays that are tried [s]."""
 ROUNDS = 12
 """Gauss-Newton steps. (budget)"""
-INTERVAL = 1.96
-"""Standard deviations of a 95 % interval [1]. (statistics)"""
 FRICTION = ("dry", "viscous", "rotor", "offset")
 COLUMNS = (*FRICTION, "needed", "error", "dq_ref", "dq", "integral", *FEEDFORWARDS[1:])
 """Series of each joint, behind errors of the bodies."""
@@ -155,7 +154,7 @@ class ToldController:
         for name, value, std in zip(
             ("kp", "kd", "ki"), self.gains.T, self.std.T, strict=False
         ):
-            half = INTERVAL * std
+            half = Z95 * std
             known = [
                 [float(v - h), float(v + h)] if t else None
                 for v, h, t in zip(value, half, told, strict=True)
@@ -195,7 +194,7 @@ class ToldController:
         for name, k in (("kp", 0), ("kd", 1)):
             own = zip(self.gains[told, k], self.std[told, k], strict=True)
             every.append(
-                f"{name} " + ", ".join(f"{v:.3g} ± {INTERVAL * s:.2g}" for v, s in own)
+                f"{name} " + ", ".join(f"{v:.3g} ± {Z95 * s:.2g}" for v, s in own)
             )
         out = [
             "neither torque nor gains are given: the torque is that of the gains with which the robot file's masses "

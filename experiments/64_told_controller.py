@@ -1,6 +1,6 @@
 """Gains and feedforward of controllers that nobody stated, told without any torque; prints the tables as Markdown.
 
-    GAPSCOPE_DATA=.../data .venv/bin/python experiments/66_told_controller.py --out out/told [--arms 36] [--go2]
+    GAPSCOPE_DATA=.../data .venv/bin/python experiments/64_told_controller.py --out out/told [--arms 36] [--go2]
 
 Arms of the blind check's generator, whose laws are not the catalogue's, under PD with each feedforward, gains of half,
 of the same and of twice the bandwidth, at 50 to 500 Hz, with usual and threefold encoder noise, nominal inertials up to

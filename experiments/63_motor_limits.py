@@ -1,6 +1,6 @@
 """Motors at their edge: torque that falls with speed or with heat, in the generator's own forms, and a real carriage.
 
-    .venv/bin/python experiments/61_motor_limits.py [--draws 2]
+    .venv/bin/python experiments/63_motor_limits.py [--draws 2]
 
 Voltage and current clamp of the generator meet in a round corner, and its torque constant falls with the copper loss.
 For each arm: the torque gap of its widest joint for the nominal arm, beside the true values in the catalogue's law, and
