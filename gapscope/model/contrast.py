@@ -32,7 +32,6 @@ from gapscope.model.equations import (
     eliminated,
     forward,
     function_gains,
-    inverse,
     lower,
 )
 from gapscope.model.terms import Candidate, Term
@@ -76,17 +75,61 @@ class Beside:
         return Beside(self.cross, gram, right, back)
 
 
-@dataclass
-class Factor:
-    """The information on nuisances of some prior deviations U, factorised.
+class Functions:
+    """Unknown functions of the joints, which are eliminated first: hypotheses share them, and their sizes.
 
     Attributes:
-        lower: L with L L^T = I + U A U, A being the information, (N, N).
-        back: L^-1 U times their products with the columns of terms of each group, (N, G, T), once they are asked for.
+        lower: L with L L^T = I + U A U, A being the information on them, U their prior deviations, (H, H).
+        cross: L^-1 U times their products with all other nuisances, (H, R).
+        rest: information on these beside the functions, (R, R).
+        of_terms: L^-1 U times the products of the functions with the columns of terms of each group, (H, G, T), and
+            what the other nuisances have in common with these beside the functions, (R, G, T), once they are asked for.
     """
 
-    lower: np.ndarray
-    back: np.ndarray | None = None
+    def __init__(self, normal: np.ndarray, unit: np.ndarray) -> None:
+        count = len(unit)
+        self.lower = lower(normal[:count, :count] * unit[:, None] * unit)
+        self.cross = forward(self.lower, unit[:, None] * normal[:count, count:])
+        self.rest = normal[count:, count:] - self.cross.T @ self.cross
+        self.of_terms: tuple[np.ndarray, np.ndarray] | None = None
+
+
+class Factor:
+    """L with L L^T = I + U A U, A being the information on all nuisances, U their prior deviations, (N, N).
+
+    Attributes:
+        functions: the first rows and columns.
+        unit: deviations of the others, (R,).
+        lower: their part of L, (R, R).
+        back: L^-1 U times the products of nuisances with the columns of terms of each group, (N, G, T), once they are
+            asked for.
+    """
+
+    def __init__(self, functions: Functions, unit: np.ndarray) -> None:
+        self.functions, self.unit = functions, unit
+        self.lower = lower(functions.rest * unit[:, None] * unit)
+        self.back: np.ndarray | None = None
+
+    def forward(self, right: np.ndarray) -> np.ndarray:
+        """L^-1 times a right side, (N, K)."""
+        first = forward(self.functions.lower, right[: len(self.functions.lower)])
+        rest = right[len(first) :] - self.unit[:, None] * (
+            self.functions.cross.T @ first
+        )
+        return np.concatenate([first, forward(self.lower, rest)])
+
+    def backward(self, solved: np.ndarray) -> np.ndarray:
+        """L^-T times a vector, (N,)."""
+        count = len(self.functions.lower)
+        rest = solve_triangular(self.lower.T, solved[count:], check_finite=False)
+        first = solved[:count] - self.functions.cross @ (self.unit * rest)
+        first = solve_triangular(self.functions.lower.T, first, check_finite=False)
+        return np.concatenate([first, rest])
+
+    def half_log(self, solved: np.ndarray) -> float:
+        """1/2 b^T (I + U A U)^-1 b - 1/2 log det(I + U A U) from L^-1 b, (N,)."""
+        of_functions = float(np.log(np.diag(self.functions.lower)).sum())
+        return _half_log(self.lower, solved) - of_functions
 
 
 class Contrast:
@@ -188,14 +231,17 @@ class Contrast:
         return out
 
     def _gathered(self, some: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """Information of each group on some columns and others, both rising, (G, K, L)."""
+        """Information of each group on some columns and others, (G, K, L)."""
         out = np.zeros((self.groups, len(some), len(others)))
-        every = zip(self.design.active, self.information, strict=True)
-        for active, information in every if len(some) else ():
-            # both are rising, so a sorted search gives each column's place
-            mine, theirs = np.isin(active, some), np.isin(active, others)
-            here = np.searchsorted(some, active[mine])[:, None]
-            there = np.searchsorted(others, active[theirs])
+        if not out.size:
+            return out
+        place = np.full((2, self.design.size), -1)
+        place[0, some], place[1, others] = range(len(some)), range(len(others))
+        for active, information in zip(
+            self.design.active, self.information, strict=True
+        ):
+            mine, theirs = place[:, active] >= 0
+            here, there = place[0, active[mine]][:, None], place[1, active[theirs]]
             for group, own in enumerate(information):
                 out[group, here, there] += own[np.ix_(mine, theirs)]
         return out
@@ -211,16 +257,26 @@ class Contrast:
 
     def _eliminate_nuisances(self) -> None:
         """Eliminate what is shared by all, and what groups have that is no term."""
-        # deviations, in whose unit all that follows is I + U A U
-        prior, unit = self.design.prior, []
-        self._shared = np.flatnonzero(prior > 0)
+        prior, self._alike = self.design.prior, np.zeros(self.design.size)
         # the groups and the column of each nuisance that is not shared by all
         self._own: list[tuple[list[int], int]] = []
+        unit = []
         for groups, variance in self._nuisances:
+            # what every group has is shared
+            if len(groups) == self.groups:
+                self._alike += variance
+                continue
             places = np.flatnonzero(variance > 0)
             self._own += [(list(groups), p) for p in places.tolist()]
             unit.append(np.sqrt(variance[places]))
-        self._units = np.concatenate([prior[self._shared], *unit])
+        # unknown functions first, whose sizes no hypothesis changes
+        is_shared = (prior > 0) | (self._alike > 0)
+        is_function = np.zeros(self.design.size, dtype=bool)
+        is_function[list(itertools.chain(*itertools.chain(*self.design.waves)))] = True
+        functions = np.flatnonzero(is_shared & is_function)
+        self._first = len(functions)
+        self._shared = np.append(functions, np.flatnonzero(is_shared & ~is_function))
+        self._own_units = np.concatenate([np.zeros(0), *unit])
         by_own = np.zeros((len(self._own), self.groups, self.design.size))
         places = np.unique([p for _, p in self._own]).astype(int)
         rows = self._gathered(places, np.arange(self.design.size))
@@ -241,15 +297,25 @@ class Contrast:
         self._factorise()
 
     def _factorise(self) -> None:
-        unit, kept = self._units, self._factors
-        prior = unit.tobytes()
+        """Factorise the information on nuisances, in units of their deviations U: I + U A U."""
+        shared, kept = self._shared, self._factors
+        deviation = np.sqrt(self.design.prior[shared] ** 2 + self._alike[shared])
+        self._units = np.append(deviation, self._own_units)
+        prior = self._units.tobytes()
         if prior not in kept:
+            first, rest = np.split(self._units, [self._first])
+            # another question with the same functions has them already
+            alike = (
+                one.functions
+                for known, one in kept.items()
+                if known.startswith(first.tobytes())
+            )
+            functions = next(alike, None) or Functions(self._normal, first)
             # the oldest goes
             if len(kept) >= FACTORS:
                 del kept[next(iter(kept))]
-            kept[prior] = Factor(lower(self._normal * unit[:, None] * unit))
-        self._factorised = kept[prior]
-        self._factor = self._factorised.lower
+            kept[prior] = Factor(functions, rest)
+        self._factor = kept[prior]
         self.solved = self._solve()
 
     @property
@@ -275,21 +341,37 @@ class Contrast:
 
     def _likeliest(self, solved: np.ndarray) -> np.ndarray:
         """Likeliest values of the nuisances, from L^-1 U times their right side, (N,)."""
-        back = solve_triangular(self._factor.T, solved, check_finite=False)
-        return np.asarray(self._units * back)
+        return np.asarray(self._units * self._factor.backward(solved))
 
     def back(self, groups: Sequence[int], columns: np.ndarray) -> np.ndarray:
         """L^-1 U times the products of the nuisances with columns of terms of some groups, (N, K): once for many."""
-        known = self._factorised
+        known = self._factor
+        first, rest = self._beside_functions
+        if known.back is None and len(columns) >= MANY:
+            scaled = known.unit[:, None] * rest.reshape(len(rest), -1)
+            beside = forward(known.lower, scaled).reshape(rest.shape)
+            known.back = np.concatenate([first, beside])
+        if known.back is not None:
+            return known.back[:, groups][:, :, columns].sum(axis=1)
         # for a few columns it is not worth solving for all of them
-        if len(columns) < MANY and known.back is None:
-            cross = self._crossed[:, groups][:, :, columns].sum(axis=1)
-            return forward(known.lower, self._units[:, None] * cross)
-        if known.back is None:
-            cross = self._crossed
-            scaled = self._units[:, None] * cross.reshape(len(cross), -1)
-            known.back = forward(known.lower, scaled).reshape(cross.shape)
-        return known.back[:, groups][:, :, columns].sum(axis=1)
+        first = first[:, groups][:, :, columns].sum(axis=1)
+        rest = rest[:, groups][:, :, columns].sum(axis=1)
+        beside = forward(known.lower, known.unit[:, None] * rest)
+        return np.concatenate([first, beside])
+
+    @property
+    def _beside_functions(self) -> tuple[np.ndarray, np.ndarray]:
+        """``Functions.of_terms`` of the unknown functions."""
+        known, count = self._factor.functions, self._first
+        if known.of_terms is None:
+            cross = self._crossed.reshape(len(self._units), -1)
+            first = forward(known.lower, self._units[:count, None] * cross[:count])
+            rest, shape = cross[count:] - known.cross.T @ first, self._crossed.shape
+            known.of_terms = (
+                first.reshape(-1, *shape[1:]),
+                rest.reshape(-1, *shape[1:]),
+            )
+        return known.of_terms
 
     def _of_nuisances(self, of_groups: np.ndarray) -> np.ndarray:
         """Products of the nuisances with something, from those of the columns of each group, (G, P, ...)."""
@@ -302,18 +384,18 @@ class Contrast:
         count = len(self._shared)
         # the prior counts from the arm that was believed
         right[:count] -= self.design.taken[self._shared] / self._units[:count]
-        return forward(self._factor, right)
+        return self._factor.forward(right[:, None])[:, 0]
 
     def nuisance_rows(self, of_groups: np.ndarray) -> np.ndarray:
         """L^-1 U times the products of the nuisances with columns whose products with each group's are (G, P, K)."""
-        return forward(
-            self._factor, self._units[:, None] * self._of_nuisances(of_groups)
+        return self._factor.forward(
+            self._units[:, None] * self._of_nuisances(of_groups)
         )
 
     @property
     def evidence(self) -> float:
         """Log probability of the gaps if no group has anything of its own [nats], but for a constant."""
-        total = _half_log(self._factor, self.solved)
+        total = self._factor.half_log(self.solved)
         # what the motions have of their own explains a part; the rest is noise
         for motions, noise2 in zip(self.motions, self.error.noise2, strict=True):
             for one in motions:
@@ -348,14 +430,25 @@ class Contrast:
 
     def further(self, nuisances: Sequence[Nuisance]) -> Contrast:
         """The same question beside further nuisances of some groups."""
-        return self._changed(nuisances=nuisances) if nuisances else self
+        if not nuisances:
+            return self
+        alike = sum(own for groups, own in nuisances if len(groups) == self.groups)
+        shared = self.design.prior + self._alike > 0
+        # what all groups have, and share already, is shared the more
+        if any(len(groups) < self.groups for groups, _ in nuisances) or np.any(
+            (alike > 0) & ~shared
+        ):
+            return self._changed(nuisances=nuisances)
+        other = copy(self)
+        other._nuisances = (*self._nuisances, *nuisances)
+        other._alike = self._alike + alike
+        other._factorise()
+        return other
 
     def with_prior(self, prior: np.ndarray) -> Contrast:
         """The same question with other prior deviations of what is shared, (P,)."""
         other = copy(self)
         other.design = replace(self.design, prior=prior)
-        count = len(self._shared)
-        other._units = np.concatenate([prior[self._shared], self._units[count:]])
         other._factorise()
         return other
 
@@ -365,10 +458,10 @@ class Contrast:
         for _ in range(RESIZED):
             prior = asked.design.prior.copy()
             # (L L^T)^-1 = L^-T L^-1 is the covariance, in units of the prior
-            half = inverse(asked._factor)
+            half = asked._factor.forward(np.eye(len(asked._units)))
             # each as if all others stayed as large as they are
             for some in itertools.chain.from_iterable(asked.design.waves):
-                at = np.searchsorted(asked._shared, some)
+                at = np.flatnonzero(np.isin(asked._shared, some))
                 mine = half[:, at]
                 mean = mine.T @ asked.solved
                 gain = function_gains(mine.T @ mine, mean, prior[some[0]])
@@ -493,7 +586,7 @@ class Contrast:
 
     def nuisance_roots(self) -> np.ndarray:
         """Root R of the covariance R R^T of what is shared and of what groups have that is no term, (P, N)."""
-        half = forward(self._factor, np.diag(self._units))
+        half = self._factor.forward(np.diag(self._units))
         out = np.zeros((self.design.size, len(half)))
         count = len(self._shared)
         out[self._shared] = half[:, :count].T
@@ -504,7 +597,7 @@ class Contrast:
     def covariance(self) -> np.ndarray:
         """Covariance of what is shared, (P, P)."""
         out = np.zeros((self.design.size, self.design.size))
-        half = forward(self._factor, np.diag(self._units))[:, : len(self._shared)]
+        half = self._factor.forward(np.diag(self._units))[:, : len(self._shared)]
         out[np.ix_(self._shared, self._shared)] = half.T @ half
         return out
 
@@ -516,14 +609,14 @@ class Contrast:
         at = [next(k for k in every if self._own[k - count][1] == p) for p in places]
         unit = np.zeros((len(self._units), len(at)))
         unit[at, range(len(at))] = self._units[at]
-        half = forward(self._factor, unit)
+        half = self._factor.forward(unit)
         return half.T @ half
 
     @property
     def determined(self) -> float:
         """Number of shared values that the data determine: those of which they say more than the prior does [1]."""
         left = np.diag(self.covariance())[self._shared]
-        return float((1.0 - left / self.design.prior[self._shared] ** 2).sum())
+        return float((1.0 - left / self._units[: len(left)] ** 2).sum())
 
 
 def _half_log(factor: np.ndarray, solved: np.ndarray) -> float:

@@ -799,8 +799,16 @@ class Search:
             return not (searched or term.definition.built_in)
         return bool(self.days) or not (lasts(term) or searched)
 
-    def _larger(self, fit: Fit, instead_of: Candidate | None = None) -> Fit | None:
-        """The best hypothesis with one more term of the group, in the place of another; ``None`` if none is better."""
+    def _larger(
+        self, fit: Fit, instead_of: Candidate | None = None, known: Fit | None = None
+    ) -> Fit | None:
+        """The best hypothesis with one more term of the group; ``None`` if none is better.
+
+        Args:
+            fit: the hypothesis.
+            instead_of: whose place the term takes.
+            known: the hypothesis with that one.
+        """
         proposed = list(itertools.islice(self._proposals(fit), LOOKED_AT))
         better = self._worth_fitting(fit, proposed[:REFITTED])
         fitted = []
@@ -808,7 +816,9 @@ class Search:
             # about a body that is promised its moment may lie beyond what the search can come back from
             is_body = one.term.is_load or is_link_change(one.term)
             start = fit.values if is_body else {**fit.values, one: value}
-            found = self._fit((*fit.chosen, one), start, fit.grown)
+            chosen = *fit.chosen, one
+            again = known if known and set(known.chosen) == set(chosen) else None
+            found = again or self._fit(chosen, start, fit.grown)
             self._beyond[instead_of, one] = found.total - promised
             fitted.append(found)
         best = max(fitted, key=lambda f: f.total, default=None)
@@ -837,46 +847,41 @@ class Search:
         while not settled:
             settled = True
             for one in fit.mine:
-                twins = one, Candidate(one.term, None)
-                rest = [other for other in fit.chosen if other not in twins]
-                if not self._may_do_without(fit, one, rest):
-                    continue
-                values = {other: x for other, x in fit.values.items() if other != one}
-                # without it, and with the best of all others in its place
-                without = self._with_everybody(self._fit(rest, values, fit.grown))
-                other = self._larger(without, one)
-                better = max((f for f in (without, other) if f), key=lambda f: f.total)
+                better = self._without(fit, one)
                 # by more than rounding: two sets might take turns for ever
-                if better.total > fit.total + 1e-3:
+                if better is not None and better.total > fit.total + 1e-3:
                     fit, settled = better, False
                     break
         return fit
 
-    def _may_do_without(
-        self, fit: Fit, one: Candidate, rest: Sequence[Candidate]
-    ) -> bool:
-        """Whether a hypothesis may be as good without a candidate, or with another in its place, to first order."""
+    def _without(self, fit: Fit, one: Candidate) -> Fit | None:
+        """The best hypothesis without a candidate, or with another in its place; ``None`` if none may be as good."""
+        twins = one, Candidate(one.term, None)
+        rest = [other for other in fit.chosen if other not in twins]
         # with its columns as they are, which costs next to nothing
         without = self._weighed(fit.contrast, fit.own, rest, fit.grown)
         proposed = list(itertools.islice(self._proposals(without), LOOKED_AT))
         # what explains half of it to first order may explain all of it about its own values
         lost = max(FAR, (fit.total - without.total) / 2)
+        # if it was tried in this place before, it may gain about as much again
+        replaced = any(
+            other != one
+            and total + self._beyond.get((one, other), lost - FAR) + FAR > fit.total
+            for total, other, _ in proposed[:REFITTED]
+        )
         # a refit may find so much more than columns promise
-        chances = [without.total + FAR]
-        for total, other, _ in proposed[:REFITTED]:
-            beyond = self._beyond.get((one, other))
-            # if it was tried in this place before, it may gain about as much again
-            if other != one:
-                chances.append(total + (lost if beyond is None else beyond + FAR))
-        if max(chances) > fit.total:
-            return True
+        if replaced or without.total + FAR > fit.total:
+            values = {other: x for other, x in fit.values.items() if other != one}
+            without = self._with_everybody(self._fit(rest, values, fit.grown))
+            larger = self._larger(without, one, fit)
+            return max((f for f in (without, larger) if f), key=_total)
         # it stays, and what was weighed instead competes with it
         competing = {frozenset(without.mine): without.total}
         for total, other, _ in proposed:
             competing.setdefault(frozenset([*without.mine, other]), total)
         for some, total in competing.items():
             self._totals[some] = max(total, self._totals.get(some, -np.inf))
-        return False
+        return None
 
     def _with_growth(self, fit: Fit) -> Fit:
         """The hypothesis with more form error, on a joint or in a motion, where that explains more than it costs."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.effects.effect import External
+from gapscope.effects.effect import External, Transmission
 from gapscope.model.conditioning import torque_scale
 from gapscope.model.contrast import Answer, OwnTerms
 from gapscope.model.design import LIKELY
@@ -87,18 +87,22 @@ def held_out(fit: Fit, group: int, terms: Sequence[Candidate]) -> Iterator[HeldO
             where = mine & (rows.motion == motion)
         # of the sizes of the whole: a part is not to choose its own
         answer = own.answer(terms, [sizes[one] for one in terms])
-        # what comes but once, or is there or not, is judged as it was fitted
-        once = {
+        # what no step from all recordings to the others finds is judged as it was fitted
+        kept = {
             one: value
             for one, value in fit.answer.values.items()
-            if one in answer.values and _is_once(one.term)
+            if one in answer.values and _is_kept(one.term)
         }
-        yield HeldOut(where, own, replace(answer, values={**answer.values, **once}))
+        yield HeldOut(where, own, replace(answer, values={**answer.values, **kept}))
 
 
-def _is_once(term: Term) -> bool:
-    """Whether a term is a push, or a limit, whose values no other motion tells."""
-    return isinstance(term.definition, External) or term.definition.limits
+def _is_kept(term: Term) -> bool:
+    """Whether values stay when a motion is left out: of a push and a limit, which no other motion tells.
+
+    So do those of what swings or rattles: columns about a width or a stiffness say nothing of one a little farther.
+    """
+    effect = term.definition
+    return isinstance(effect, (External, Transmission)) or effect.limits
 
 
 def explained(
