@@ -19,6 +19,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -668,6 +669,19 @@ class Answer:
         return dict(zip(self.values, parts, strict=True)) if self.values else {}
 
 
+class Additions(NamedTuple):
+    """What each of m further candidates adds to a set.
+
+    Attributes:
+        evidence: of the set with it [nats], (m,).
+        values, deviations: of its coordinates, (linear,) each.
+    """
+
+    evidence: np.ndarray
+    values: list[np.ndarray]
+    deviations: list[np.ndarray]
+
+
 class OwnTerms:
     """Evidence and values of sets of candidates.
 
@@ -990,8 +1004,8 @@ class OwnTerms:
         terms: Sequence[Candidate],
         sizes: Sequence[float],
         others: Sequence[Candidate],
-    ) -> Iterator[tuple[Candidate, float, np.ndarray, np.ndarray]]:
-        """Each other candidate in its likeliest size: evidence of the set with it [nats], value and deviation."""
+    ) -> Additions:
+        """What each other candidate, in its likeliest size, adds to a set."""
         places = self.joined(terms)
         unit = self.deviations(terms, sizes)
         factor = lower(self.products(places, places) * unit[:, None] * unit)
@@ -999,20 +1013,26 @@ class OwnTerms:
         known = _half_log(factor, solved)
         # the further one pays for its choice of a size, as the others do
         known -= (len(terms) + 1) * float(np.log(len(self.sizes)))
+        none = np.zeros(0)
+        out = Additions(
+            np.zeros(len(others)), [none] * len(others), [none] * len(others)
+        )
         # those with as many coordinates are one batch
-        by_width: dict[int, list[Candidate]] = {}
-        for one in others:
-            by_width.setdefault(len(one.term.columns), []).append(one)
+        by_width: dict[int, list[int]] = {}
+        for k, one in enumerate(others):
+            by_width.setdefault(len(one.term.columns), []).append(k)
         for some in by_width.values():
-            at = np.array([self.places(one) for one in some])
+            at = np.array([self.places(others[k]) for k in some])
             x = forward(factor, unit[:, None] * self.products(places, at.ravel()))
             x = x.reshape(len(places), *at.shape)
             # information and right side of each beside the set
             gram = self._alone(at) - np.einsum("smk,sml->mkl", x, x)
             right = self.right[at] - np.einsum("smk,s->mk", x, solved)
-            each = self.alone([one.term for one in some], gram, right)
-            for one, gain, value, deviation in zip(some, *each, strict=True):
-                yield one, known + gain, value, deviation
+            each = self.alone([others[k].term for k in some], gram, right)
+            for k, gain, value, deviation in zip(some, *each, strict=True):
+                out.evidence[k] = known + gain
+                out.values[k], out.deviations[k] = value, deviation
+        return out
 
     def alone(
         self, terms: Sequence[Term], gram: np.ndarray, right: np.ndarray

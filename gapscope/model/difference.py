@@ -8,6 +8,7 @@ joined, each is asked again whether the others do without it, or with another in
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import math
 from collections.abc import (
@@ -745,7 +746,6 @@ class Search:
             fit: the hypothesis.
             everybody: whether the candidates are of everybody, and not of groups.
         """
-        weigh = self._weigher(fit.own)
         others = [
             one
             for one in fit.own.candidates
@@ -754,24 +754,42 @@ class Search:
             and (everybody or self._may_differ(one))
             and not self._is_said(one, fit)
         ]
-        fixed = fit.contrast.evidence + len(fit.grown) * np.log(UNKNOWN)
-        fixed += weigh.chances(fit.answer)
-        # the same for all groups that may have a term
-        each_term = {one.term: one for one in others}
+        # a term may be told only if the data sheet is better than it looks without it; the likeliest comes last
+        levels = sorted(fit.levels.values() or [fit], key=lambda level: level.sharp)
+        levels = [level for level in levels if np.isfinite(level.sharp)]
+        if not (others and levels):
+            return
+        weigh = self._weigher(fit.own)
         # what everybody has does not make the same name likelier in a group
         names = {one.effect for one in fit.chosen if one.groups is not None}
-        known = weigh.odds(fit.chosen)
-        odds = {t: known + weigh.further(o, names) for t, o in each_term.items()}
-        each = []
-        for one, evidence, value, std in fit.own.additions(
-            fit.chosen, fit.answer.sizes, others
-        ):
-            total = fixed + evidence + odds[one.term]
-            total += weigh.chance(one.term, value, std)
-            if np.isfinite(total):
-                each.append((total, one, value))
-        for total, one, value in sorted(each, key=lambda e: -e[0]):
-            yield Promise(total, one, value)
+        # the same for all groups that may have a term
+        each_term = {one.term: one for one in others}
+        odds = {t: weigh.further(one, names) for t, one in each_term.items()}
+        odds_of = np.array([odds[one.term] for one in others])
+        added = [x.own.additions(x.chosen, x.answer.sizes, others) for x in levels]
+        # summed over levels, about: values that cannot be make it less
+        totals = np.array(
+            [
+                level.sharp - level.answer.evidence + further.evidence + odds_of
+                for level, further in zip(levels, added, strict=True)
+            ]
+        )
+        most = np.logaddexp.reduce(totals)
+        found: list[tuple[float, int, Promise]] = []
+        for k in np.argsort(-most).tolist():
+            # none of those that follow is likelier
+            while found and -found[0][0] >= most[k]:
+                yield heapq.heappop(found)[2]
+            total, value = -np.inf, None
+            for further, least in zip(added, totals[:, k], strict=True):
+                x = further.values[k]
+                least += weigh.chance(others[k].term, x, further.deviations[k])
+                if np.isfinite(least):
+                    total, value = float(np.logaddexp(total, least)), x
+            if value is not None:
+                heapq.heappush(found, (-total, k, Promise(total, others[k], value)))
+        while found:
+            yield heapq.heappop(found)[2]
 
     def _is_said(self, one: Candidate, fit: Fit) -> bool:
         """Whether a hypothesis has the same body by another name: what the last link carries, or that link."""

@@ -629,22 +629,9 @@ class SheetSearch(Search):
         fit = levels[ERRORS[best]]
         return replace(fit, levels=levels, total=every, sharp=every)
 
-    def _proposals(self, fit: Fit, *, everybody: bool = False) -> Iterator[Promise]:
+    def _with_everybody(self, fit: Fit) -> Fit:
         # with one group everybody's is the group's own
-        if everybody:
-            return
-        best: dict[Candidate, Promise] = {}
-        # a term may be told only if the data sheet is better than it looks without it
-        for error, level in sorted(fit.levels.items(), key=lambda item: item[1].total):
-            if not np.isfinite(level.total):
-                continue
-            for total, one, value in super()._proposals(level):
-                # summed over sizes, with the value at the likeliest, which comes last
-                here = total + _log_prior(error)
-                if one in best:
-                    here = float(np.logaddexp(here, best[one].total))
-                best[one] = Promise(here, one, value)
-        yield from sorted(best.values(), key=lambda promise: -promise.total)
+        return fit
 
     def _worth_fitting(
         self, fit: Fit, proposed: Sequence[Promise]
@@ -731,9 +718,13 @@ class SheetSearch(Search):
         # a joint bends or rattles, but not both
         taken = {one.term.joint for one in compliant if one in fit.chosen}
         further = [one for one in compliant if one.term.joint not in taken]
-        every = fit.own.additions(fit.chosen, fit.answer.sizes, further)
+        every = fit.own.additions(fit.chosen, fit.answer.sizes, further).evidence
         known = fit.answer.evidence
-        return {one.term.joint for one, evidence, *_ in every if evidence > known}
+        return {
+            one.term.joint
+            for one, evidence in zip(further, every, strict=True)
+            if evidence > known
+        }
 
     def _compliant(self, fit: Fit) -> Fit | None:
         """The hypothesis with the compliant joint that explains most, noise and form error beside it, if one does."""
