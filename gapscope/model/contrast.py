@@ -80,7 +80,8 @@ class Functions:
     """Unknown functions of the joints, which are eliminated first: hypotheses share them, and their sizes.
 
     Attributes:
-        lower: L with L L^T = I + U A U, A being the information on them, U their prior deviations, (H, H).
+        unit: their prior deviations U, (H,).
+        lower: L with L L^T = I + U A U, A being the information on them, (H, H).
         cross: L^-1 U times their products with all other nuisances, (H, R).
         rest: information on these beside the functions, (R, R).
         of_terms: L^-1 U times the products of the functions with the columns of terms of each group, (H, G, T), and
@@ -88,7 +89,7 @@ class Functions:
     """
 
     def __init__(self, normal: np.ndarray, unit: np.ndarray) -> None:
-        count = len(unit)
+        self.unit, count = unit, len(unit)
         self.lower = lower(normal[:count, :count] * unit[:, None] * unit)
         self.cross = forward(self.lower, unit[:, None] * normal[:count, count:])
         self.rest = normal[count:, count:] - self.cross.T @ self.cross
@@ -293,29 +294,25 @@ class Contrast:
         self._normal[:, count:], self._normal[count:] = own, own.T
         self._by_own = by_own[:, :, self.design.told]
         self._cross: np.ndarray | None = None
-        # of all questions to the same information, whatever their gap: copies hold the same one
+        self._functions: Functions | None = None
+        # of all questions to the same information, whatever their gap: copies hold the same ones
         self._factors: dict[bytes, Factor] = {}
         self._factorise()
 
     def _factorise(self) -> None:
         """Factorise the information on nuisances, in units of their deviations U: I + U A U."""
-        shared, kept = self._shared, self._factors
+        shared = self._shared
         deviation = np.sqrt(self.design.prior[shared] ** 2 + self._alike[shared])
         self._units = np.append(deviation, self._own_units)
-        prior = self._units.tobytes()
+        first, rest = np.split(self._units, [self._first])
+        if self._functions is None or (first != self._functions.unit).any():
+            self._functions, self._factors = Functions(self._normal, first), {}
+        kept, prior = self._factors, rest.tobytes()
         if prior not in kept:
-            first, rest = np.split(self._units, [self._first])
-            # another question with the same functions has them already
-            alike = (
-                one.functions
-                for known, one in kept.items()
-                if known.startswith(first.tobytes())
-            )
-            functions = next(alike, None) or Functions(self._normal, first)
             # the oldest goes
             if len(kept) >= FACTORS:
                 del kept[next(iter(kept))]
-            kept[prior] = Factor(functions, rest)
+            kept[prior] = Factor(self._functions, rest)
         self._factor = kept[prior]
         self.solved = self._solve()
 

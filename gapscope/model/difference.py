@@ -555,13 +555,18 @@ class Search:
             held[beyond] = inside[beyond]
 
     def _searched(self, fit: Fit) -> Fit:
-        """Terms join as long as that makes the hypothesis better; each is asked again when another has joined."""
-        while len(fit.mine) < MAX_TERMS:
-            larger = self._larger(fit)
-            if larger is None:
-                break
-            fit = self._asked_again(self._with_everybody(larger))
-        return fit
+        """Terms join as long as that makes the hypothesis better; then each is asked again, and others may join."""
+        while True:
+            larger: Fit | None = fit
+            while larger is not None:
+                fit = larger
+                many = len(fit.mine) >= MAX_TERMS
+                larger = None if many else self._larger(fit)
+                larger = larger and self._with_everybody(larger)
+            again = self._asked_again(fit)
+            if again.total <= fit.total:
+                return fit
+            fit = again
 
     def _look(self, fit: Fit) -> None:
         """Look for nonlinear parameters beside what was found, and take the columns anew."""
