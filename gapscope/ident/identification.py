@@ -66,6 +66,7 @@ from gapscope.ident.samples import (
     AT_LIMIT,
     MOVING,
     PER_CUTOFF,
+    PULLS,
     Band,
     Choice,
     FrictionLaw,
@@ -1234,7 +1235,9 @@ def _clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.nd
 
 def _near_rest(choice: Choice) -> float:
     """Share by which a Stribeck term lowers the error on held-out stretches [1]."""
-    tried = [entry for entry in choice.tried if "direction kept" not in entry[0]]
+    # the pulls come last: other pulls, over the noise of the law that was chosen
+    laws = choice.tried[: -len(PULLS)]
+    tried = [entry for entry in laws if "direction kept" not in entry[0]]
     stribeck = [error for law, error in tried if "Stribeck" in law]
     # the first tried is the plain law, all later ones build on the choice
     without = [error for law, error in tried if "Stribeck" not in law]

@@ -853,7 +853,8 @@ class Choice:
         law: form of the dry friction.
         pull: weight of ((x - x0) / scale)^2 beside the mean square of the weighted residual [1].
         noise: RMS residual per joint [N m], shape (n,), the weights' inverse.
-        tried: law and pull in words, with the error on held-out stretches [1]: RMS of residual over ``noise``.
+        tried: law and pull in words, with the error on held-out stretches [1]: RMS of residual over the noise, of
+            laws over what the plain one leaves, and then of each of ``PULLS`` over ``noise``.
     """
 
     law: FrictionLaw
