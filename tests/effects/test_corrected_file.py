@@ -147,6 +147,9 @@ BAD = [
     (coulomb(1), ENTRY),
     (coulomb(torque="[much]"), f"{ENTRY}, coulomb_friction.torque: .*not a number"),
     (coulomb(torque="[null]"), f"{ENTRY}, coulomb_friction.torque"),
+    (coulomb("[yes]"), rf"{ENTRY}.joints\[0\]: expected a number \(true"),
+    (coulomb(torque="[true]"), rf"{ENTRY}.parameters.torque\[0\]: expected a number"),
+    (entry("{effect: payload, parameters: {mass: on, com: [0, 0, 0]}}"), "parameters.mass: expected a number"),
     (entry("{effect: payload, parameters: {mass: 1, com: [0, [1, 2], 0]}}"), ENTRY),
     (carried("recordings: b.csv"), f"{ENTRY}.*expected names of recordings"),
     (carried("from: 3"), f"{ENTRY}.*recordings: beside from: and to:"),
@@ -204,6 +207,8 @@ def test_setup_faults_go_there_and_back(tmp_path: Path) -> None:
         ("{effect: sign_flip, joints: [2], variant: torqe}", "did you mean 'torque'"),
         ("{effect: sign_flip, joints: [2], parameters: {size: 1}}", "has no 'size'"),
         ("{effect: time_stamps, variant: jitter}", "amount"),
+        ("{effect: sign_flip, joints: [true], variant: torque}", "joints[0]: expected"),
+        ("{effect: shifted_inertials, parameters: {by: on}}", "by: expected a number"),
     ],
 )
 def test_setup_faults_that_cannot_be_made_name_their_entry(
