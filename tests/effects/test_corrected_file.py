@@ -207,8 +207,6 @@ def test_setup_faults_go_there_and_back(tmp_path: Path) -> None:
         ("{effect: sign_flip, joints: [2], variant: torqe}", "did you mean 'torque'"),
         ("{effect: sign_flip, joints: [2], parameters: {size: 1}}", "has no 'size'"),
         ("{effect: time_stamps, variant: jitter}", "amount"),
-        ("{effect: sign_flip, joints: [true], variant: torque}", "joints[0]: expected"),
-        ("{effect: shifted_inertials, parameters: {by: on}}", "by: expected a number"),
     ],
 )
 def test_setup_faults_that_cannot_be_made_name_their_entry(
@@ -221,6 +219,23 @@ def test_setup_faults_that_cannot_be_made_name_their_entry(
     assert message in str(caught.value)
     with pytest.raises(InputError, match="fault of the set-up"):
         read_corrected(path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "place"),
+    [
+        ("{effect: sign_flip, joints: [true], variant: torque}", "joints[0]"),
+        ("{effect: shifted_inertials, parameters: {by: on}}", "parameters.by"),
+    ],
+)
+def test_true_is_no_number_of_a_setup_fault(
+    tmp_path: Path, entry: str, place: str
+) -> None:
+    path = tmp_path / "truth.yaml"
+    path.write_text(f"schema: 1\neffects:\n  - {entry}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="expected a number") as caught:
+        read_with_faults(path)
+    assert f"effects[0].{place}" in str(caught.value)
 
 
 REMAINDER = np.arange(30.0).reshape(3, 10) / 7.0
