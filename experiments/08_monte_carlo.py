@@ -167,7 +167,7 @@ class World:
             stacked[..., -1],
             self.regressor.names,
             group,
-            EVERY / RATE,
+            np.full(len(group), EVERY / RATE),
         )
 
     def reduced(self, problem: Problem) -> Problem:

@@ -119,7 +119,9 @@ def _triangles(Y: np.ndarray) -> list[Factor]:
     """Triangles of a regressor alone: base parameters need no torque."""
     names = tuple(map(str, range(Y.shape[2])))
     group = np.zeros(len(Y), dtype=int)
-    return joint_factors(Problem(Y, np.zeros(Y.shape[:2]), names, group, 1e-3))
+    return joint_factors(
+        Problem(Y, np.zeros(Y.shape[:2]), names, group, np.ones(len(Y)))
+    )
 
 
 def _figaroh(

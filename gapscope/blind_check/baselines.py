@@ -306,10 +306,11 @@ def _fit(design: Design, places: list[int]) -> np.ndarray:
 
 
 def residual_share(design: Design, effect: str) -> float:
-    """Share of the gap's squares that the columns of one effect do not explain."""
+    """Share of the gap's squares that the columns of one effect do not explain; all of no gap."""
     places = design.places(effect)
     residual = design.gap - design.columns[:, places] @ _fit(design, places)
-    return float(residual @ residual / (design.gap @ design.gap))
+    total = design.gap @ design.gap
+    return float(residual @ residual / total) if total > 0 else 1.0
 
 
 def _joints(design: Design, places: list[int], weights: np.ndarray) -> list[int]:
@@ -359,16 +360,21 @@ def features(design: Design) -> np.ndarray:
     """Residual share of each effect alone, its best joint's correlation; size and concentration of the gap."""
     # an effect without columns leaves all: its share is 1
     residual = [residual_share(design, effect) for effect in EFFECTS]
-    along = np.abs(design.columns.T @ design.gap) / np.linalg.norm(design.gap)
+    # of no gap, no column is a part
+    length = np.linalg.norm(design.gap) or 1.0
+    along = np.abs(design.columns.T @ design.gap) / length
     best = []
     for effect in EFFECTS:
         places = design.places(effect)
         best.append(float(along[places].max()) if places else 0.0)
     # sorted: the features know no joint by its number
-    size = np.log(np.sort(design.nrmse)[::-1])
-    spread = design.nrmse / design.nrmse.sum()
+    # below rounding there is no gap, and its logarithm would be infinite
+    nrmse = np.sort(np.maximum(design.nrmse, np.finfo(float).eps))[::-1]
+    spread = nrmse / nrmse.sum()
     entropy = -(spread * np.log(spread)).sum()
-    return np.concatenate([residual, best, [size[0], size[1], size[-1], entropy]])
+    # an arm of one joint has no second
+    size = np.log(nrmse[[0, min(1, len(nrmse) - 1), -1]])
+    return np.concatenate([residual, best, size, [entropy]])
 
 
 def classified(network: Any, design: Design) -> dict[str, Any]:

@@ -187,7 +187,7 @@ def watch(
         out: folder for events.jsonl and the state that a later run goes on from
         learn: motion from which normal behaviour is learnt [s]; 0: the recordings of the case show it
         false_alarms: wanted per 24 h of motion at most, for a perfect model
-        rest: a file in a folder is complete after this time unwritten [s]
+        rest: a file is complete after this time unwritten [s]
         once: use what is there, and end; for cron
         until_idle: end when nothing new came for this long [s]
     """

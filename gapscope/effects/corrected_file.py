@@ -198,6 +198,7 @@ def _parsed(
         named = str(entry.get("effect")) if isinstance(entry, dict) else ""
         # only a file for recording may hold faults: an arm has none
         if with_faults and named in FAULTS:
+            _check(entry, "entry", path, where)
             faults.append(_fault(entry, where, path))
             continue
         effect = read_entry(entry, where, path)

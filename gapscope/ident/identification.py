@@ -33,7 +33,6 @@ from gapscope.ident.intervals import (
     TorqueInterval,
     Uncertainty,
     Whiteness,
-    band_correlation,
     compare_groups,
     form_columns,
     predicted_torque,
@@ -67,6 +66,7 @@ from gapscope.ident.samples import (
     AT_LIMIT,
     MOVING,
     PER_CUTOFF,
+    PULLS,
     Band,
     Choice,
     FrictionLaw,
@@ -664,19 +664,16 @@ def validate(
     t, dq, every, torque, after, before = map(np.concatenate, zip(*parts, strict=True))
     lengths = [len(part[0]) for part in parts]
     group = np.repeat(np.arange(len(parts)), lengths)
-    rate = segments[0].motion.rate
-    # the test of whiteness sees the samples that the band holds, not more
-    step = max(1, round(rate / band.cutoff))
+    rate = np.repeat([segment.motion.rate for segment in segments], lengths)
     # a torque that was not measured leaves nothing
-    residual = np.where(every, torque - after, 0.0)[::step]
-    expected = band_correlation(rate, band.cutoff, step)
+    residual = np.where(every, torque - after, 0.0)
     return Validation(
         recordings=tuple(dict.fromkeys(segment.recording for segment in segments)),
         role=role,
         every=errors(torque, after, every),
         moving=errors(torque, after, every & (np.abs(dq) > MOVING)),
         nominal=errors(torque, before, every),
-        whiteness=whiteness(residual, group[::step], expected),
+        whiteness=whiteness(residual, group, rate, band.cutoff),
         t=t,
         torque=torque,
         predicted=after,
@@ -1154,7 +1151,7 @@ def _time_offset(fit: FittedParameters) -> tuple[np.ndarray, np.ndarray]:
     # of the fitted torque, whose derivative has no noise; never across a gap
     rate = np.concatenate(
         [
-            np.gradient(fitted[rows], samples.interval, axis=0)
+            np.gradient(fitted[rows], samples.interval[rows.start], axis=0)
             for rows in group_slices(samples.group)
         ]
     )
@@ -1238,7 +1235,9 @@ def _clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.nd
 
 def _near_rest(choice: Choice) -> float:
     """Share by which a Stribeck term lowers the error on held-out stretches [1]."""
-    tried = [entry for entry in choice.tried if "direction kept" not in entry[0]]
+    # the pulls come last: other pulls, over the noise of the law that was chosen
+    laws = choice.tried[: -len(PULLS)]
+    tried = [entry for entry in laws if "direction kept" not in entry[0]]
     stribeck = [error for law, error in tried if "Stribeck" in law]
     # the first tried is the plain law, all later ones build on the choice
     without = [error for law, error in tried if "Stribeck" not in law]

@@ -244,15 +244,17 @@ def model_error(
 
     Source: pintelon2012.
     """
-    cutoff, n = min(cutoff, 0.5 / problem.interval), residual.shape[1]
+    cutoff, n = min(cutoff, 0.5 / problem.interval.max()), residual.shape[1]
     bands = ((0.0, LOW), FLOOR)
     spans, power, counts = group_slices(problem.group), np.zeros((2, n)), [0, 0]
     for span in spans:
         # a window that rises and falls by half a cosine
         taper = tukey(span.stop - span.start, 2 * TAPER)[:, None]
         transform = np.fft.rfft(residual[span] * taper, axis=0)
-        density = np.abs(transform) ** 2 / (taper**2).sum()
-        frequency = np.fft.rfftfreq(len(taper), problem.interval) / cutoff
+        interval = problem.interval[span.start]
+        # a real series has two of each frequency
+        density = 2 * interval * np.abs(transform) ** 2 / (taper**2).sum()
+        frequency = np.fft.rfftfreq(len(taper), interval) / cutoff
         for k, (least, most) in enumerate(bands):
             inside = (frequency >= least) & (frequency <= most)
             power[k] += density[inside].sum(axis=0)
@@ -262,10 +264,8 @@ def model_error(
     # an ordinate has a real and an imaginary part: two degrees of freedom each
     p_value = fisher.sf(ratio, *(2 * np.maximum(counts, 1)))
     variance = (residual**2).mean(axis=0)
-    # share of all frequencies, of which a real series has two of each
-    band = 2 * LOW * cutoff * problem.interval
     # the floor is flat: noise has as much density in the low band
-    systematic = np.minimum((band * (low - floor)).clip(0.0), variance)
+    systematic = np.minimum((LOW * cutoff * (low - floor)).clip(0.0), variance)
     return ModelError(
         systematic=np.sqrt(systematic),
         noise=np.sqrt(variance - systematic),
@@ -568,7 +568,10 @@ def compare_groups(
 def _variance(problem: Problem, beta: np.ndarray, cutoff: float) -> np.ndarray:
     """Of what a fit leaves, as many samples counted as one as the low-pass makes alike [N m^2], (n,)."""
     residual = problem.residual(beta)
-    memory = low_pass_inflation(cutoff, problem.interval)
+    # independent samples add up over intervals
+    every, count = np.unique(problem.interval, return_counts=True)
+    free_of_memory = [1 / low_pass_inflation(cutoff, interval) for interval in every]
+    memory = residual.shape[0] / (count @ free_of_memory)
     # fitting took up some of the independent samples
     free = max(1 - memory * len(beta) / residual.size, 1 / residual.size)
     return np.maximum((residual**2).mean(axis=0) / free * memory, TINY)
@@ -796,7 +799,7 @@ class Whiteness:
     bound: float
 
 
-def band_correlation(rate: float, cutoff: float, step: int) -> np.ndarray:
+def _band_correlation(rate: float, cutoff: float, step: int) -> np.ndarray:
     """Autocorrelation that the zero-phase low-pass gives white noise at multiples of ``step`` samples, (LAGS + 1,)."""
     filter_ = butter(4, min(cutoff, 0.95 * rate / 2), output="sos", fs=rate)
     frequency, response = sosfreqz(filter_, 4096, fs=rate)
@@ -811,17 +814,29 @@ def band_correlation(rate: float, cutoff: float, step: int) -> np.ndarray:
 
 
 def whiteness(
-    residual: np.ndarray, group: np.ndarray, expected: np.ndarray
+    residual: np.ndarray, group: np.ndarray, rate: np.ndarray, cutoff: float
 ) -> Whiteness:
     """Ljung and Box's test, Q = N (N + 2) sum_{k=1}^{m} (rho_k - rho0_k)^2 / (N - k), chi-squared of m degrees.
 
+    rho0 is the autocorrelation of noise that has passed the band. The test sees the N samples that the band holds.
+
     Args:
-        residual: [N m], shape (N, n).
-        group: stretch that a sample belongs to, shape (N,).
-        expected: rho0, autocorrelation of noise that has passed the band, from lag 0, shape (at least m + 1,).
+        residual: [N m], in the band, shape (M, n).
+        group: stretch that a sample belongs to, shape (M,).
+        rate: of the stretch that a sample belongs to [Hz], shape (M,).
+        cutoff: of the band [Hz].
 
     Source: ljung1978.
     """
+    kept, correlations = [], []
+    for rows in group_slices(group):
+        own = float(rate[rows.start])
+        step = max(1, round(own / cutoff))
+        kept.append(np.arange(rows.start, rows.stop, step))
+        correlations.append(_band_correlation(own, cutoff, step))
+    expected = np.average(correlations, axis=0, weights=[len(own) for own in kept])
+    seen = np.concatenate(kept)
+    residual, group = residual[seen], group[seen]
     n = len(residual)
     # later lags have too few pairs to say anything
     lags = max(1, min(LAGS, n // 4))

@@ -26,7 +26,6 @@ from gapscope.ident.intervals import (
     DOUBT,
     MAX_BLOCKS,
     Whiteness,
-    band_correlation,
     whiteness,
 )
 from gapscope.ident.model.base_parameters import TINY, WORTH, Factor
@@ -87,7 +86,7 @@ class Followed:
     Attributes:
         problem: what it followed.
         rows: the samples of each stretch, K slices.
-        length: of a stretch [s].
+        length: of a stretch, on average [s].
         track: the estimate after each stretch, by the time of the samples so far without gaps between groups.
         batch: weighted least squares of all samples, shape (b,).
         noise: RMS of the torque's noise [N m], shape (n,).
@@ -132,11 +131,12 @@ def follow(problem: Problem, openings: Openings = ()) -> Followed:
     Source: ljung1999.
     """
     batch = weighted_least_squares(problem).value
-    shortest = max(SHORTEST / problem.interval, len(problem.torque) / MAX_BLOCKS)
-    samples, rows = max(1, round(shortest)), []
+    rows: list[slice] = []
     for group in group_slices(problem.group):
+        fewest = SHORTEST / problem.interval[group.start]
+        samples = max(1, round(max(fewest, len(problem.torque) / MAX_BLOCKS)))
         rows += equal_parts(group, max(1, (group.stop - group.start) // samples))
-    length = problem.interval * (rows[0].stop - rows[0].start)
+    length = float(problem.interval.sum()) / len(rows)
     least = MIN_NOISE * rms(problem.torque) + 1e-9
 
     def noise_of(residual: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Factor]]:
@@ -199,7 +199,8 @@ def _filtered(
     drift: np.ndarray,
 ) -> Track:
     """The track under a random walk, per square root of s, (b,), with the covariance widened at each opening."""
-    ends = problem.interval * np.array([own.stop - 1 for own in rows])
+    elapsed = np.cumsum(problem.interval) - problem.interval[0]
+    ends = elapsed[[own.stop - 1 for own in rows]]
     b, count = len(drift), len(factors)
     columns = rms(np.array([factor.triangle for factor in factors]), axis=(0, 1))
     size = VAGUE * rms(np.array([factor.rotated for factor in factors]), axis=None)
@@ -516,14 +517,13 @@ def review(
         # innovations count from where it should have settled
         first = min(max(1, int(SETTLED * len(rows))), len(rows) - 1)
     counted = slice(rows[first].start, None)
-    # innovations are sampled at the cut-off, as in the validation
-    rate, cutoff = 1.0 / problem.interval, samples.band.cutoff
-    step, ends = max(1, round(rate / cutoff)), [own.stop - 1 for own in rows]
+    ends = [own.stop - 1 for own in rows]
     innovation = followed.innovation[counted]
     white = whiteness(
-        innovation[::step],
-        problem.group[counted][::step],
-        band_correlation(rate, cutoff, step),
+        innovation,
+        problem.group[counted],
+        1.0 / problem.interval[counted],
+        samples.band.cutoff,
     )
     return FilterReview(
         **vars(followed) | {"batch": batch},

@@ -41,7 +41,7 @@ class Problem:
         torque: tau [N m], shape (N, n).
         names: of the parameters, shape (b,).
         group: which recording (or stretch of one) a sample belongs to, shape (N,), integers that do not fall.
-        interval: time between samples [s].
+        interval: time from each sample to the next of its group [s], shape (N,): recordings have rates of their own.
         forms: unknown functions of each joint that no column has, (N, n, K); each array has amplitudes of its own.
     """
 
@@ -49,7 +49,7 @@ class Problem:
     torque: np.ndarray
     names: Sequence[str]
     group: np.ndarray
-    interval: float
+    interval: np.ndarray
     forms: Sequence[np.ndarray] = ()
 
     @property
@@ -72,7 +72,7 @@ class Problem:
             self.torque[chosen],
             self.names,
             self.group[chosen],
-            self.interval,
+            self.interval[chosen],
             [each[chosen] for each in self.forms],
         )
 
@@ -480,7 +480,7 @@ class Samples:
         measured: whether the torque was measured there, shape (M, n): see ``Segment.unknown``.
         times: of the recording that a sample belongs to [s], shape (M,).
         group: number of the segment of each sample, shape (M,).
-        interval: time between samples [s].
+        interval: time from each sample to the next of its segment [s], shape (M,).
     """
 
     def __init__(
@@ -499,9 +499,8 @@ class Samples:
         )
         lengths = [len(s.motion.t[rows]) for s, rows in kept]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
-        first = self.segments[0]
-        # of the first segment; others are taken to be sampled like it
-        self.interval = band.step(first) / first.motion.rate
+        steps = [band.step(s) / s.motion.rate for s in self.segments]
+        self.interval = np.repeat(steps, lengths)
 
     def matrix(self, law: FrictionLaw) -> np.ndarray:
         """W in the band, shape (M, n, p)."""
@@ -575,7 +574,7 @@ class SampleCount:
 
 def count_samples(samples: Samples, parameters: int) -> SampleCount:
     """Count by the bandwidth B of the recorded torque: a band of B Hz holds 2 B independent samples a second."""
-    seconds = len(samples.torque) * samples.interval
+    seconds = float(samples.interval.sum())
     bandwidth = _bandwidth(samples)
     independent = band_samples(seconds, float(bandwidth.sum()))
     return SampleCount(seconds, bandwidth, independent, independent / parameters)
@@ -583,14 +582,17 @@ def count_samples(samples: Samples, parameters: int) -> SampleCount:
 
 def _bandwidth(samples: Samples) -> np.ndarray:
     """Frequency below which ``POWER`` of the power of each joint's torque lies [Hz], shape (n,)."""
-    rate = 1.0 / samples.interval
-    grid = np.linspace(0.0, min(samples.band.cutoff, rate / 2), 512)
+    rates = 1.0 / samples.interval
+    grid = np.linspace(0.0, min(samples.band.cutoff, rates.max() / 2), 512)
     power = np.zeros((len(grid), samples.torque.shape[1]))
     for rows in group_slices(samples.group):
-        frequency, density = periodogram(samples.torque[rows], rate, "hann", axis=0)
+        rate, torque = rates[rows.start], samples.torque[rows]
+        frequency, density = periodogram(torque, rate, "hann", axis=0)
         # groups differ in length: their energies are added on a common grid
-        energy = density * (rows.stop - rows.start)
-        power += make_interp_spline(frequency, energy, k=1)(grid)
+        energy = density * (len(torque) / rate)
+        # up to half its rate: a slower group says nothing beyond
+        known = grid[grid <= rate / 2]
+        power[: len(known)] += make_interp_spline(frequency, energy, k=1)(known)
     share_below = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), TINY)
     return np.asarray(grid[np.argmax(share_below >= POWER, axis=0)])
 
@@ -695,7 +697,7 @@ def check_count(samples: Samples, base_count: int, name: str) -> None:
     Raises:
         InputError: fewer than ``PER_PARAMETER`` independent samples per base parameter.
     """
-    seconds = len(samples.torque) * samples.interval
+    seconds = float(samples.interval.sum())
     n_joints = samples.torque.shape[1]
     independent = n_joints * band_samples(seconds, samples.band.cutoff)
     if independent < PER_PARAMETER * base_count:
@@ -851,7 +853,8 @@ class Choice:
         law: form of the dry friction.
         pull: weight of ((x - x0) / scale)^2 beside the mean square of the weighted residual [1].
         noise: RMS residual per joint [N m], shape (n,), the weights' inverse.
-        tried: law and pull in words, with the error on held-out stretches [1]: RMS of residual over ``noise``.
+        tried: law and pull in words, with the error on held-out stretches [1]: RMS of residual over the noise, of
+            laws over what the plain one leaves, and then of each of ``PULLS`` over ``noise``.
     """
 
     law: FrictionLaw

@@ -50,28 +50,32 @@ def make_arm(robot: str | Path | NominalArm | Case, **sheet: Any) -> NominalArm:
 
     Args:
         robot: a name of ``gapscope.arm.robots.KNOWN_ROBOTS``, a file, a case or its folder.
-        **sheet: the data sheet, one value per joint: ``armature`` [kg m^2], ``coulomb`` [N m], ``viscous``
-            [N m s/rad], ``torque_limit`` [N m], ...
+        **sheet: the data sheet of a name or file, one value per joint: ``armature`` [kg m^2], ``coulomb`` [N m],
+            ``viscous`` [N m s/rad], ``torque_limit`` [N m], ...
 
     Raises:
-        InputError: no such robot, or a data sheet that cannot be used.
+        InputError: no such robot, a data sheet that cannot be used, or one beside that of an arm or a case.
 
     Examples:
         >>> import gapscope
         >>> gapscope.make_arm("kuka_iiwa", coulomb=[1.0] * 7).n_joints
         7
     """
-    # an arm that is read already keeps its data sheet
-    if isinstance(robot, Case):
-        return robot.arm
+    if isinstance(robot, (str, Path)):
+        path = Path(robot)
+        # all other endings are models of robots, or none and a known name
+        if path.suffix not in (".yaml", ".yml") and not is_folder(path):
+            return load_nominal_arm(robot, sheet=sheet)
+    if sheet:
+        raise InputError(
+            "an arm or a case has its own data sheet",
+            "leave it out here; dataclasses.replace(arm, coulomb=...) changes that of an arm",
+            where=", ".join(sheet),
+        )
     if isinstance(robot, NominalArm):
         return robot
-    path = Path(robot)
-    # all other endings are models of robots, or none and a known name
-    if path.suffix in (".yaml", ".yml") or is_folder(path):
-        return load_case(path, read_recordings=False).arm
-    # a data sheet of the call counts only here: arms and cases have their own
-    return load_nominal_arm(robot, sheet=sheet)
+    case = robot if isinstance(robot, Case) else load_case(robot, read_recordings=False)
+    return case.arm
 
 
 def read_corrected(

@@ -170,18 +170,20 @@ def _read(robot: str | Path, recording: Path) -> tuple[NominalArm, list[Recordin
     """The arm, and its recordings with torque."""
     path = Path(robot)
     robot_is_case = is_folder(path) or path.suffix in (".yaml", ".yml")
+    own = load_case(path, read_recordings=False) if robot_is_case else None
     # a recording that is a case brings its own import section and joints
     if recording.suffix in (".yaml", ".yml") or is_file(recording / "case.yaml"):
         case = load_case(recording)
-        arm, found = case.arm, [*case.recordings, *case.judged]
+        found = [*case.recordings, *case.judged]
         # the model that is audited takes the place of that of the case
-        if not robot_is_case:
-            arm = load_nominal_arm(
-                robot, joints=arm.joints, gravity=arm.gravity.tolist()
-            )
-    elif robot_is_case:
-        case = load_case(path, read_recordings=False)
-        arm, found = case.arm, [load_recording(recording, case.arm, case.importing)]
+        arm = load_nominal_arm(
+            robot if own is None else own.arm.urdf,
+            joints=case.arm.joints,
+            locked=None if own is None else own.arm.locked,
+            gravity=case.arm.gravity.tolist(),
+        )
+    elif own is not None:
+        arm, found = own.arm, [load_recording(recording, own.arm, own.importing)]
     else:
         arm = load_nominal_arm(robot)
         found = [load_recording(recording, arm)]

@@ -105,7 +105,7 @@ def filter_curves(result: Identification) -> dict[str, Any]:
     # an index of the track, or none
     start = review.converged
     # each joint's innovations over the elapsed time
-    t = review.problem.interval * np.arange(len(review.innovation))
+    t = np.cumsum(review.problem.interval) - review.problem.interval[0]
     joints = []
     for series in review.innovation.T:
         keep = keep_extremes([series], FILTER_POINTS)

@@ -1170,7 +1170,7 @@ class WatchSettings:
         out: folder for alarms and state; ``None``: neither is written.
         learning: motion from which normal behaviour is learnt [s]; 0: the case's recordings show it.
         false_alarms: wanted per 24 h of motion at most, if the model had no errors.
-        rest: time without a write after which a file in a folder is complete [s].
+        rest: time without a write after which a file is complete [s].
         until_idle: end when nothing new came for this long [s]; ``None``: never; 0: at once.
         poll: time between two looks at the source [s].
 

@@ -101,6 +101,8 @@ def check_readable(path: Path) -> None:
         raise InputError(
             "no such file or folder", "start the recording first", file=path
         )
+    if is_dataset(path):
+        raise _of_dataset(path)
     if path.is_file() and path.suffix.lower() not in READERS:
         raise InputError(
             f"the ending {path.suffix!r} names no known format",
@@ -115,7 +117,7 @@ def check_readable(path: Path) -> None:
 MAX_BYTES = 2**20
 """Size that is read at once [bytes]: bounds the memory when a long file is caught up with."""
 FEWEST_LINES = 50
-"""Lines that are read together at least, fewer wait for more: they would not show a rate."""
+"""Lines that are read together at least, fewer wait for more or for the end: they hardly show a rate."""
 
 
 class GrowingFile:
@@ -127,16 +129,22 @@ class GrowingFile:
     Args:
         path: the file.
         reading: how its rows become a recording.
+        rest: time without a write after which the last few lines wait for no more [s].
         position: where an earlier run ended, or ``None``.
+
+    Attributes:
+        unfinished: whether the last few lines wait for more.
     """
 
-    unfinished = False
-    """Its rows are used as they come."""
-
     def __init__(
-        self, path: Path, reading: Reading, position: Mapping[str, Any] | None = None
+        self,
+        path: Path,
+        reading: Reading,
+        rest: float,
+        position: Mapping[str, Any] | None = None,
     ) -> None:
-        self.path, self.reading = path, reading
+        self.path, self.reading, self.rest = path, reading, rest
+        self.unfinished = False
         # held open: a file that is rotated away can be read to its end
         self._file: BinaryIO = path.open("rb")
         self._header, self._line, self._part = "", 1, 1
@@ -167,14 +175,16 @@ class GrowingFile:
 
     def poll(self) -> Iterator[Recording | Event]:
         """Rows that were added, and notes if the file was begun anew."""
+        written = os.fstat(self._file.fileno()).st_mtime
         # the rest of the file that was open, whatever has its name by then
-        yield from self._rows()
+        yield from self._rows(ended=time.time() - written >= self.rest)
         try:
             now = self.path.stat()
         except FileNotFoundError:
             # between the two steps of a rotation
             return
         if now.st_ino != os.fstat(self._file.fileno()).st_ino:
+            yield from self._rows(ended=True)
             yield self._anew(
                 "another file took its place, which is read from its start"
             )
@@ -182,7 +192,7 @@ class GrowingFile:
             yield self._anew("it was cut, and is read from its start")
         else:
             return
-        yield from self._rows()
+        yield from self._rows(ended=False)
 
     def _anew(self, why: str) -> Event:
         self._file.close()
@@ -191,8 +201,8 @@ class GrowingFile:
         self._part += 1
         return Event(event=NOTE, sentence=f"{self.path}: {why}")
 
-    def _rows(self) -> Iterator[Recording | Event]:
-        """The whole lines that were added, in parts of at most ``MAX_BYTES``."""
+    def _rows(self, *, ended: bool) -> Iterator[Recording | Event]:
+        """The whole lines that were added, in parts of at most ``MAX_BYTES``; the last few once the file ended."""
         while True:
             start = self._file.tell()
             raw = self._file.read(MAX_BYTES)
@@ -200,8 +210,11 @@ class GrowingFile:
             whole = raw[: raw.rfind(b"\n") + 1]
             lines = whole.count(b"\n")
             more = len(raw) == MAX_BYTES
-            # too few lines wait for more, but for a buffer that is full
-            if not whole or (lines < FEWEST_LINES and not more):
+            # too few lines wait for more, but for a buffer that is full; one row alone has no rate
+            rows = lines if self._header else lines - 1
+            few = lines < FEWEST_LINES and not more
+            self.unfinished = few and rows > 1 and not ended
+            if not whole or self.unfinished or (few and rows < 2):
                 self._file.seek(start)
                 if more:
                     # the note on a line without end, which is left out
@@ -330,6 +343,8 @@ class Folder:
             yield item
 
     def _read(self, file: Path) -> Recording | Event:
+        if is_dataset(file):
+            return self.reading.note(_of_dataset(file))
         try:
             found = load_recording(
                 file,
@@ -369,8 +384,12 @@ class Folder:
                 found += [f for f in entry.iterdir() if not f.name.startswith(".")]
             else:
                 found.append(entry)
-        files = [f for f in found if f.suffix.lower() in READERS and f.is_file()]
-        return sorted(files, key=_natural)
+        recordings = [
+            f
+            for f in found
+            if is_dataset(f) or (f.suffix.lower() in READERS and f.is_file())
+        ]
+        return sorted(recordings, key=_natural)
 
     def _is_complete(self, file: Path, files: list[Path]) -> bool:
         if time.time() - file.stat().st_mtime >= self.rest:
@@ -383,6 +402,15 @@ class Folder:
         # of a split bag the next file is begun when this one is closed
         following = f"{split[1]}_{int(split[2]) + 1}{file.suffix}"
         return file.with_name(following) in files
+
+
+def _of_dataset(folder: Path) -> InputError:
+    """Why a dataset is left out: it holds many recordings, which are not made while it is watched."""
+    return InputError(
+        "is a LeRobot dataset, which is not watched",
+        "name it under recordings: of a case, and diagnose that",
+        file=folder,
+    )
 
 
 def _natural(file: Path) -> list[tuple[int, str]]:
@@ -501,7 +529,7 @@ class Watch:
     def _source(self, position: dict[str, Any] | None, case: Case | None) -> Source:
         path = self.settings.source
         if path.is_file() and is_text(path):
-            return GrowingFile(path, self._reading, position)
+            return GrowingFile(path, self._reading, self.settings.rest, position)
 
         def no_load(_: Path) -> KnownLoad | None:
             return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from gapscope.blind_check.baselines import (
     Design,
     DesignColumn,
     answer,
+    classified,
+    features,
     forward_bic,
     largest_r2,
     ridge,
@@ -244,6 +247,18 @@ def test_the_classifier_learns_what_no_line_divides() -> None:
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 2))
     names = np.where(x[:, 0] * x[:, 1] > 0, "same", "other")
     assert (train(x, names.tolist()).predict(x) == names).mean() > 0.9
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_case_without_any_gap_is_classified_as_healthy() -> None:
+    """Nominal predictions that are exact to the last digit, on an arm of one joint too."""
+    pytest.importorskip("sklearn", reason="gapscope[learn] is not installed")
+    exact = plain_case([0.0, 0.0, 0.0], noise=0.0)
+    cases = (exact, plain_case([0.0, 0.0, 1.0]), plain_case([1.0, 0.0, 0.0]))
+    rows = np.repeat([features(case) for case in cases], 5, axis=0)
+    network = train(rows, np.repeat(["healthy", "armature", "payload"], 5).tolist())
+    assert classified(network, exact)["verdict"] == "no_gap"
+    assert np.isfinite(features(replace(exact, nrmse=np.zeros(1)))).all()
 
 
 def test_an_answer_of_a_plain_method_can_be_scored() -> None:

@@ -147,6 +147,9 @@ BAD = [
     (coulomb(1), ENTRY),
     (coulomb(torque="[much]"), f"{ENTRY}, coulomb_friction.torque: .*not a number"),
     (coulomb(torque="[null]"), f"{ENTRY}, coulomb_friction.torque"),
+    (coulomb("[yes]"), rf"{ENTRY}.joints\[0\]: expected a number \(true"),
+    (coulomb(torque="[true]"), rf"{ENTRY}.parameters.torque\[0\]: expected a number"),
+    (entry("{effect: payload, parameters: {mass: on, com: [0, 0, 0]}}"), "parameters.mass: expected a number"),
     (entry("{effect: payload, parameters: {mass: 1, com: [0, [1, 2], 0]}}"), ENTRY),
     (carried("recordings: b.csv"), f"{ENTRY}.*expected names of recordings"),
     (carried("from: 3"), f"{ENTRY}.*recordings: beside from: and to:"),
@@ -216,6 +219,23 @@ def test_setup_faults_that_cannot_be_made_name_their_entry(
     assert message in str(caught.value)
     with pytest.raises(InputError, match="fault of the set-up"):
         read_corrected(path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "place"),
+    [
+        ("{effect: sign_flip, joints: [true], variant: torque}", "joints[0]"),
+        ("{effect: shifted_inertials, parameters: {by: on}}", "parameters.by"),
+    ],
+)
+def test_true_is_no_number_of_a_setup_fault(
+    tmp_path: Path, entry: str, place: str
+) -> None:
+    path = tmp_path / "truth.yaml"
+    path.write_text(f"schema: 1\neffects:\n  - {entry}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="expected a number") as caught:
+        read_with_faults(path)
+    assert f"effects[0].{place}" in str(caught.value)
 
 
 REMAINDER = np.arange(30.0).reshape(3, 10) / 7.0

@@ -27,7 +27,7 @@ def problem(
         torque,
         tuple(f"p{i + 1}" for i in range(matrix.shape[2])),
         group,
-        interval,
+        np.full(len(torque), interval),
     )
 
 
@@ -147,10 +147,11 @@ class Assembly:
             ):
                 smooth = low_pass(series, s.motion.rate, TORQUE_CUTOFF)
                 out.append(smooth[s.inner][:: self.every])
+        lengths = [len(x) for x in torques]
         return Problem(
             np.concatenate(matrices),
             np.concatenate(torques),
             tuple(self.base.names[k] for k in self.base.kept),
-            np.repeat(np.arange(len(segments)), [len(x) for x in torques]),
-            self.every / segments[0].motion.rate,
+            np.repeat(np.arange(len(segments)), lengths),
+            np.repeat([self.every / s.motion.rate for s in segments], lengths),
         )

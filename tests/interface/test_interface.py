@@ -58,6 +58,14 @@ def test_every_name_has_an_example(name):
     assert ">>>" in text
 
 
+def test_a_data_sheet_beside_that_of_an_arm_or_case_is_refused(case):
+    arm = gapscope.make_arm(case)
+    assert gapscope.make_arm(arm) is arm is case.arm
+    for robot in (case, arm):
+        with pytest.raises(InputError, match=r"coulomb: .*has its own data sheet"):
+            gapscope.make_arm(robot, coulomb=[1.0] * 3)
+
+
 def test_diagnosis_from_arrays_names_the_friction(result):
     assert result.verdict == "effects_found"
     frame = result.to_frame()

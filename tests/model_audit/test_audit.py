@@ -344,6 +344,21 @@ def test_shifted_inertials_are_told_by_gravity(
     assert best.misfit < 0.02
 
 
+def test_the_robot_of_a_case_is_compared_with_the_recordings_of_another(
+    tmp_path: Path, q: np.ndarray
+) -> None:
+    """A case with a wrong model, and one with the right one that was recorded: the wrong one is told."""
+    arm = load_nominal_arm("kuka_iiwa")
+    recorded(tmp_path, q, gravity(arm, q))
+    for name, robot in (("wrong", shifted_arm(arm, 1).urdf), ("right", arm.urdf)):
+        text = f"name: {name}\nrobot: {robot}\nrecordings: [../static.csv]\n"
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "case.yaml").write_text(text, encoding="utf-8")
+    best = static_poses(tmp_path / "wrong", tmp_path / "right").explanations[0]
+    assert best.name == "each link with the inertial of the next one"
+    assert not list(check_static(static_poses(tmp_path / "right", tmp_path / "wrong")))
+
+
 def test_a_moving_recording_is_refused(tmp_path: Path) -> None:
     q = np.repeat(np.linspace(0, 3, 20 * HELD)[:, None], 7, axis=1)
     t = np.arange(len(q)) / RATE

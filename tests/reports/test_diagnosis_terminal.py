@@ -110,6 +110,20 @@ def test_a_gap_as_of_healthy_real_arms_is_said_to_be_no_fault() -> None:
     assert verdict_sentence(document).endswith("of the torque is noise.")
     document["gap"]["after"]["torque_nrmse"][2] = 0.21
     assert "at most 21 % (joint 3)" in verdict_sentence(document)
+    assert "robot file" not in verdict_sentence(document)
+
+
+def test_a_large_gap_that_a_poor_data_sheet_explains_is_no_praise_of_the_sheet() -> (
+    None
+):
+    document = documents.no_gap() | {"conditioning": {"nominal_inertials_std": 0.1}}
+    document["gap"]["after"]["torque_nrmse"] = [0.3] * 7
+    said = verdict_sentence(document)
+    assert "at most 30 % (joint 1), is more than models of healthy real arms" in said
+    assert said.endswith(
+        "errors of the data sheet explain it; the bodies of the robot file are likeliest off by about "
+        "10 % of their size."
+    )
 
 
 def test_what_is_possible_stands_apart_with_what_would_settle_it() -> None:

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.watching.detector import Event
-from gapscope.watching.watch import Folder, GrowingFile, Reading
+from gapscope.watching.watch import Folder, GrowingFile, Reading, check_readable
 
 Write = Callable[[Recording, Path], Path]
 
@@ -44,7 +45,7 @@ class Growing:
     def __init__(self, file: Path, reading: Reading, first: bytes) -> None:
         self.file, self.reading = file, reading
         file.write_bytes(first)
-        self.source = GrowingFile(file, reading)
+        self.source = GrowingFile(file, reading, rest=30.0)
         self.first = list(self.source.poll())
 
     def add(self, part: bytes) -> None:
@@ -75,7 +76,7 @@ def test_half_a_line_waits_for_the_rest(
     made = growing(log[:cut])
     if later_run:
         position = made.source.position()
-        made.source = GrowingFile(made.file, made.reading, position)
+        made.source = GrowingFile(made.file, made.reading, 30.0, position)
     t = samples(made.first + made.polled(log[cut:]))
     assert np.allclose(t, np.arange(400) / 100)
     assert 0 < len(samples(made.first)) < 400
@@ -111,6 +112,23 @@ def test_rotation_loses_nothing(growing: Any, log: bytes) -> None:
     second = made.polled()
     assert "took its place" in notes(second)
     assert np.allclose(samples(made.first + second), np.arange(400) / 100)
+
+
+def test_the_last_lines_are_read_once_the_file_rests(growing: Any, log: bytes) -> None:
+    made = growing(rows(log, 0, 375))
+    assert made.polled(rows(log, 375)) == [] and made.source.unfinished
+    long_ago = made.file.stat().st_mtime - 60
+    os.utime(made.file, (long_ago, long_ago))
+    t = samples(made.first + list(made.source.poll()))
+    assert np.allclose(t, np.arange(400) / 100) and not made.source.unfinished
+
+
+def test_rotation_does_not_lose_the_last_lines(growing: Any, log: bytes) -> None:
+    made = growing(rows(log, 0, 101))
+    made.add(rows(log, 101, 111))
+    made.file.rename(made.file.with_suffix(".1"))
+    made.file.write_bytes(rows(log, 0, 1) + rows(log, 111))
+    assert np.allclose(samples(made.first + made.polled()), np.arange(400) / 100)
 
 
 def test_a_damaged_row_is_left_out_with_its_line(growing: Any, log: bytes) -> None:
@@ -153,6 +171,19 @@ def test_an_unreadable_file_is_tried_again_when_it_grew(
     assert list(source.poll()) == []
     file.write_bytes(log)
     assert len(samples(list(source.poll()))) == 400
+
+
+def test_a_dataset_in_a_folder_is_said_to_be_left_out(
+    reading: Reading, tmp_path: Path
+) -> None:
+    info = tmp_path / "logs" / "pick" / "meta" / "info.json"
+    info.parent.mkdir(parents=True)
+    info.write_text("{}", encoding="utf-8")
+    source = Folder(tmp_path / "logs", reading, rest=0.0)
+    assert "pick: is a LeRobot dataset" in notes(list(source.poll()))
+    assert list(source.poll()) == []
+    with pytest.raises(InputError, match="is a LeRobot dataset"):
+        check_readable(tmp_path / "logs" / "pick")
 
 
 def test_a_split_bag_is_read_file_by_file(

@@ -109,6 +109,15 @@ def test_once_reads_a_folder_that_was_just_copied_and_counts_what_it_read(
     assert "0 recordings read" in run(logs, "--case", *options)
 
 
+def test_once_reads_a_log_to_its_end(
+    at_work: Any, write_csv: Write, case: Path, tmp_path: Path
+) -> None:
+    """A log that was just written, of fewer lines than show a rate at a glance."""
+    log = write_csv(at_work.recording(0.3), tmp_path / "log.csv")
+    said = run(log, "--case", case, "--once", "--rest", 1)
+    assert "1 recordings read" in said
+
+
 def test_once_fails_where_there_is_nothing_to_read(case: Path, tmp_path: Path) -> None:
     empty = tmp_path / "logs"
     empty.mkdir()

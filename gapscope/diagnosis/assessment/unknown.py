@@ -27,7 +27,7 @@ from gapscope.diagnosis.thresholds import (
     UNKNOWN_TORQUE,
 )
 from gapscope.effects.residual import Memory
-from gapscope.ident.intervals import band_correlation, whiteness
+from gapscope.ident.intervals import whiteness
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.design import drawn_waves
 from gapscope.model.difference import ANY
@@ -622,11 +622,5 @@ def _unit_waves(state: np.ndarray, count: int) -> np.ndarray:
 
 def _whiteness(after: TorqueGap, rows: MotionRows) -> np.ndarray:
     """Ljung and Box's p-value of the gap of each joint, sampled at its cut-off, (n,)."""
-    rate = float(np.median(rows.rates))
-    # The filter correlates neighbours: rows are thinned to its cut-off, and the rest of the correlation is known.
-    cutoff = min(TORQUE_CUTOFF, 0.95 * rate / 2)
-    step = max(1, round(rate / cutoff))
-    expected = band_correlation(rate, cutoff, step)
-
-    test = whiteness(after.error[::step], rows.segment[::step], expected)
-    return test.p_value
+    rates = np.asarray(rows.rates)[rows.segment]
+    return whiteness(after.error, rows.segment, rates, TORQUE_CUTOFF).p_value

@@ -20,7 +20,8 @@ from gapscope.arm.display import (
     unit_name,
 )
 from gapscope.arm.joint_units import SLIDING_UNITS, common_unit, joint_unit, units_of
-from gapscope.diagnosis.thresholds import HEALTHY_REAL, NO_TORQUE
+from gapscope.arm.root_mean_square import rms
+from gapscope.diagnosis.thresholds import HEALTHY_REAL, INERTIAL_ERROR, NO_TORQUE
 from gapscope.effects.catalogue import COUPLED_MOTORS, known_effect
 from gapscope.model.changes import change_text
 
@@ -477,18 +478,30 @@ def _explained(document: Document) -> str:
 
 
 def _nothing_unknown(document: Document) -> str:
-    """Why nothing that is left asks for a cause: it is small, or as large everywhere as healthy real arms have it."""
+    """Why nothing that is left asks for a cause: small, as healthy real arms have it, or errors of the data sheet."""
     after = document["gap"]["after"]["torque_nrmse"]
     shares = [share or 0.0 for share in after]
     left = max(shares)
     if left <= HEALTHY_REAL[0]:
         return "what the nominal arm misses of the torque is noise"
     least, most = (percent(share) for share in HEALTHY_REAL)
-    return (
-        f"what the nominal arm misses of the torque, at most {percent(left)} (joint {shares.index(left) + 1}), is no "
-        f"more than models of healthy real arms miss ({least} to {most} over all joints), and follows the motion on no "
-        "joint by more than the others leave"
+    healthy = f"models of healthy real arms miss ({least} to {most} over all joints)"
+    # a comparison with a reference has no data sheet
+    off = document.get("conditioning", {}).get("nominal_inertials_std") or 0.0
+    large = rms(np.array(shares)) > HEALTHY_REAL[1] and off > 0
+    how = (
+        f"more than {healthy}, but errors of the data sheet explain it"
+        if large
+        else f"no more than {healthy}, and follows the motion on no joint by more than the others leave"
     )
+    text = (
+        "what the nominal arm misses of the torque, "
+        f"at most {percent(left)} (joint {shares.index(left) + 1}), is {how}"
+    )
+    # no gap to explain by an effect does not mean that the sheet is right
+    if large or off > INERTIAL_ERROR:
+        text += f"; the bodies of the robot file are likeliest off by about {percent(off)} of their size"
+    return text
 
 
 def _diagnosed(document: Document) -> list[Mapping[str, Any]]:

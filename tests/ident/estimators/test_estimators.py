@@ -280,7 +280,7 @@ class Small:
         torque = Y @ self.regressor.nominal()
         torque += noise * rng.standard_normal(torque.shape)
         W, group = Y[..., self.base.kept], np.zeros(samples, int)
-        return Problem(W, torque, self.base.kept_names, group, 0.01)
+        return Problem(W, torque, self.base.kept_names, group, np.full(samples, 0.01))
 
 
 @pytest.fixture(scope="module")
@@ -387,7 +387,11 @@ def of_three(seed: int) -> Problem:
     matrix = rng.standard_normal((300, 2, 3))
     noise = 0.1 * rng.standard_normal((300, 2))
     return Problem(
-        matrix, matrix @ THREE + noise, ("a", "b", "c"), np.arange(300) // 150, 0.01
+        matrix,
+        matrix @ THREE + noise,
+        ("a", "b", "c"),
+        np.arange(300) // 150,
+        np.full(300, 0.01),
     )
 
 
@@ -431,7 +435,7 @@ def test_one_parameter_by_hand() -> None:
     W = np.ones((9, 1, 1))
     W[:4] = 1 + 1e-7
     tau = 3.0 + np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 0.0])[:, None]
-    given = Problem(W, tau, ("c1",), np.zeros(9, int), 1.0)
+    given = Problem(W, tau, ("c1",), np.zeros(9, int), np.ones(9))
     estimate = partial_update(given, np.ones(1))
     left = tau - estimate.value[0]
     variance = (left**2).mean() * 9 / 8
@@ -454,7 +458,9 @@ def drawn() -> Problem:
     matrix[:, 2, :2] = 0.0
     noise = rng.normal(size=(90, 3)) * np.array([0.1, 1.0, 5.0])
     group = np.repeat(np.arange(3), 30)
-    return Problem(matrix, matrix @ BETA + noise, tuple("abcd"), group, 0.01)
+    return Problem(
+        matrix, matrix @ BETA + noise, tuple("abcd"), group, np.full(90, 0.01)
+    )
 
 
 def test_the_estimate_is_that_of_weighted_equations(

@@ -51,7 +51,7 @@ def made(
     beta = np.broadcast_to(beta, (samples, 4))
     torque = np.einsum("kja,ka->kj", W, beta) + noise
     group = np.arange(samples) * 2 // samples
-    return Problem(W, torque, NAMES, group, 0.02)
+    return Problem(W, torque, NAMES, group, np.full(samples, 0.02))
 
 
 def test_last_estimate_without_drift_is_that_of_weighted_least_squares() -> None:

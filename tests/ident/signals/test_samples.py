@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import tooled_panda
-from cases import panda_recording
+from cases import panda_case, panda_recording
 
 from gapscope.ident import samples as module
+from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.samples import Band, FrictionLaw, ModelColumns, Samples
 
 BAND = Band(10.0)
@@ -55,7 +56,31 @@ def test_long_recordings_are_thinned_further(monkeypatch: pytest.MonkeyPatch) ->
         rtol=1e-9,
         atol=1e-12,
     )
-    assert few.interval == pytest.approx(bounded.thinning * whole.interval)
+    assert few.interval[0] == pytest.approx(bounded.thinning * whole.interval[0])
+
+
+def test_each_recording_counts_by_its_own_rate() -> None:
+    """Recordings of 250 and 125 Hz: what is said of their time and errors does not depend on which comes first."""
+    fast, slow = (panda_recording(f"{seed}.csv", seed) for seed in (3, 4))
+    slow = slow.part(slice(None, None, 2))
+    judged = (slow, fast)
+    one, other = (
+        identify(
+            replace(panda_case(), recordings=two, judged=judged),
+            IdentificationSettings(cutoff=20.0),
+        )
+        for two in ((fast, slow), (slow, fast))
+    )
+    for found in (one, other):
+        # ten seconds each, of which half a second is trimmed
+        assert found.counted.seconds == pytest.approx(19, rel=0.02)
+        assert found.filtered.track.t[-1] == pytest.approx(19, rel=0.02)
+    pairs = [
+        (found.counted.bandwidth, found.interval.error.noise, found.groups.stated_std)
+        for found in (one, other)
+    ]
+    for first, second in zip(*pairs, strict=True):
+        np.testing.assert_allclose(first, second, rtol=1e-3)
 
 
 def test_torque_at_its_limit_does_not_count() -> None:

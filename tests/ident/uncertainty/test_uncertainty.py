@@ -15,7 +15,6 @@ from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.linear import ordinary_least_squares
 from gapscope.ident.identification import errors, validate
 from gapscope.ident.intervals import (
-    band_correlation,
     block_jackknife,
     compare_groups,
     torque_interval,
@@ -44,6 +43,11 @@ def filtered(rng: np.random.Generator, samples: int = SAMPLES) -> np.ndarray:
     return noise / noise.std(axis=0)
 
 
+def every(W: np.ndarray) -> np.ndarray:
+    """``INTERVAL`` for each sample."""
+    return np.full(len(W), INTERVAL)
+
+
 def recorded(
     rng: np.random.Generator,
     W: np.ndarray,
@@ -51,7 +55,7 @@ def recorded(
     extra: np.ndarray | float = 0.0,
 ) -> Problem:
     group = np.arange(len(W)) * GROUPS // len(W)
-    return Problem(W, W @ BETA + noise + extra, ("a", "b", "c", "d"), group, INTERVAL)
+    return Problem(W, W @ BETA + noise + extra, ("a", "b", "c", "d"), group, every(W))
 
 
 def autoregressive(rng: np.random.Generator, rho: float) -> np.ndarray:
@@ -215,7 +219,7 @@ def groups(seed: int, missing: float, *, repeat: bool) -> Problem:
         torque,
         ("a", "b", "c"),
         np.arange(len(W)) // LENGTH,
-        INTERVAL,
+        every(W),
     )
 
 
@@ -254,7 +258,7 @@ def test_a_missing_effect_repeats_with_the_motion() -> None:
 def test_a_group_that_is_too_short_is_named() -> None:
     given = groups(0, 0.0, repeat=False)
     group = np.r_[np.zeros(len(given.torque) - 1, int), 1]
-    uneven = Problem(given.matrix, given.torque, given.names, group, INTERVAL)
+    uneven = replace(given, group=group)
     with pytest.raises(InputError, match="group 2.*too few"):
         compare_groups(uneven, ordinary_least_squares)
 
@@ -276,11 +280,9 @@ class TestWhiteness:
     def judged(
         self, residual: np.ndarray, rate: float = 250.0, cutoff: float = 20.0
     ) -> np.ndarray:
-        step = round(rate / cutoff)
-        left = low_pass(residual, rate, cutoff)[::step]
-        return whiteness(
-            left, np.zeros(len(left), dtype=int), band_correlation(rate, cutoff, step)
-        ).p_value
+        left = low_pass(residual, rate, cutoff)
+        group, rates = np.zeros(len(left), dtype=int), np.full(len(left), rate)
+        return whiteness(left, group, rates, cutoff).p_value
 
     def test_noise_in_the_band_passes(self) -> None:
         p_values = self.judged(np.random.default_rng(0).standard_normal((20_000, 40)))
