@@ -34,7 +34,8 @@ from gapscope.blind_check.generator.case import (
 )
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import STRONG, Conditions
-from gapscope.diagnosis.told_controller import INTERVAL, told_controller
+from gapscope.diagnosis.told_controller import told_controller
+from gapscope.envs.effect_ranges import Z95
 
 SEED = 61
 RATES, NOISES, BANDWIDTHS = (50, 100, 250, 500), (1.0, 3.0), (0.5, 1.0, 2.0)
@@ -158,7 +159,7 @@ def go2(data: Path, out: Path) -> None:
                 log = {key: rows[key][:, own] for key in names}
                 recordings.append(Recording(f"{k}", rows["t"] - rows["t"][0], **log))
         found = told_controller(Case(name, Path(), arm, tuple(recordings)))
-        half = INTERVAL * found.std
+        half = Z95 * found.std
         for k, gain in enumerate(("kp", "kd")):
             pairs = zip(found.gains[:, k], half[:, k], strict=True)
             said = ", ".join(f"{value:.3g} ± {of:.2g}" for value, of in pairs)
@@ -179,7 +180,7 @@ def main() -> None:
         result = judged(number, out)
         if "told" in result:
             results.append(result)
-    print(f"95 % intervals are {INTERVAL:g} standard deviations.")
+    print(f"95 % intervals are {Z95:g} standard deviations.")
     table(results)
 
 

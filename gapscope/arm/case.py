@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -114,6 +114,13 @@ class Case:
     importing: Import | None = None
     payloads: Mapping[Path, KnownLoad] = field(default_factory=dict)
     file: Path | None = None
+
+    def each(self, change: Callable[[Recording], Recording]) -> Case:
+        """The case with all of its recordings changed."""
+        recordings, judged = (
+            tuple(map(change, part)) for part in (self.recordings, self.judged)
+        )
+        return replace(self, recordings=recordings, judged=judged)
 
     @classmethod
     def from_arrays(

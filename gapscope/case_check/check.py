@@ -30,7 +30,6 @@ from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import FrictionLaw, ModelColumns
 from gapscope.inspection.inspection import inspect_table
 from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
-from gapscope.model.expected import expected_entries
 from gapscope.model_audit.audit import odd_kinds
 
 # All thresholds of the check of a case, each with its meaning, its unit in brackets and its origin in parentheses.
@@ -504,7 +503,7 @@ def _could_show(
     case = repaired(case, faults)
     try:
         with threadpool_limits(1):
-            entries = expected_entries(could_show(case.arm, case.recordings))
+            entries = could_show(case.arm, case.recordings)
     except GapscopeError as error:
         remarks.append(_as_remark(error, "excitation"))
         return []

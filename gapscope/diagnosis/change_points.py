@@ -124,7 +124,7 @@ def _exceedance(bound: float, fractions: np.ndarray) -> float:
     return float(np.clip(len(fractions) * each - both, 0.0, 1.0))
 
 
-def appearance(found: Sequence[bool]) -> tuple[int, float]:
+def appearance(found: Sequence[bool]) -> ChangePoint:
     """Whether an effect is found more often after some date than before.
 
     Of n diagnoses in the order of time m name the effect, S_k of the first k. Without a change every order of the m
@@ -134,18 +134,21 @@ def appearance(found: Sequence[bool]) -> tuple[int, float]:
         found: whether each diagnosis names the effect, (n,).
 
     Returns:
-        The number k of diagnoses before the most likely change, and the exact probability that a random order has a
-        |Z_k| as large; 1 if all or none name it.
+        The most likely change of the share that names it, whose p is the exact probability that a random order has a
+        |Z_k| as large; 1 if all or none name it. Shares have no deviation.
     """
     n, m = len(found), sum(found)
     if n < SHORTEST_HISTORY or m in (0, n):
-        return 0, 1.0
-    k = np.arange(1, n)
+        return ChangePoint(0, m / n, m / n, 0.0, 0.0, 0.0, 1.0)
+    k, before = np.arange(1, n), np.cumsum(found)[:-1]
     # S_k is hypergeometric
     std = np.sqrt(m * (n - m) * k * (n - k) / (n**2 * (n - 1)))
-    z = (np.cumsum(found)[:-1] - k * m / n) / std
+    z = (before - k * m / n) / std
     best = int(np.abs(z).argmax())
-    return best + 1, _random_order(n, m, std * abs(z[best]))
+    position, count = best + 1, int(before[best])
+    earlier, later = count / position, (m - count) / (n - position)
+    p = _random_order(n, m, std * abs(z[best]))
+    return ChangePoint(position, earlier, later, 0.0, 0.0, -float(z[best]), p)
 
 
 def _random_order(n: int, m: int, distance: np.ndarray) -> float:

@@ -72,7 +72,6 @@ from gapscope.effects.friction import PRESLIDING_DISTANCES
 from gapscope.model.conditioning import Segment, condition, torque_scale
 from gapscope.model.design import LIKELY
 from gapscope.model.difference import Fit
-from gapscope.model.expected import expected_entries
 from gapscope.model.explained import (
     Explained,
     HeldOut,
@@ -553,8 +552,8 @@ class _Document(Document):
         sheet = self._sheet
         out: dict[str, Any] = {}
         # of another arm than the nominal one no size is known
-        found = () if self._prepared.another_arm else nameable(sheet.difference)
-        out["expected"] = expected_entries(found)
+        another = self._prepared.another_arm
+        out["expected"] = [] if another else nameable(sheet.difference)
         sides = find_sides(
             sheet.nominal,
             sheet.corrected,

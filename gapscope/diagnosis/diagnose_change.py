@@ -69,7 +69,7 @@ from gapscope.ident.model.physical_parameters import nearest_possible, urdf_text
 from gapscope.model.design import BODIES, FreeArm, design, fitted_arm, moved
 from gapscope.model.difference import Search
 from gapscope.model.equations import Equations, learn
-from gapscope.model.expected import detectable, expected_entries
+from gapscope.model.expected import expected_entries
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Terms
 from gapscope.model.torque_gap import torque_gap
@@ -813,7 +813,7 @@ class _Document(Document):
             },
             "inherent": [_plain(effect) for effect in comparison.effects()],
             # how large further effects would have to be for these recordings to show them
-            "expected": expected_entries(detectable(self._reference.difference, CASE)),
+            "expected": expected_entries(self._reference.difference, CASE),
             "remainder": {"torque_nrmse": numbers(possible.lacking / rows.scale)},
             "today": {
                 **_listed(comparison.sheet(CASE)),

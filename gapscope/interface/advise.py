@@ -35,7 +35,6 @@ from gapscope.ident.excitation.design import (
 from gapscope.interface.diagnose import DiagnosisResult
 from gapscope.interface.models import make_arm
 from gapscope.interface.result import Result, channel_columns
-from gapscope.model.expected import expected_entries
 from gapscope.reports.trajectory import check_csv, shown, summary, write_trajectory
 
 
@@ -82,7 +81,7 @@ class ExcitationResult(Result):
         planned = Recording("planned", motion.t, motion.q, torque, payload=self.payload)
         # many small matrices: threads would wait for each other
         with threadpool_limits(1):
-            return expected_entries(could_show(self.arm, [planned]))
+            return could_show(self.arm, [planned])
 
     def table(self) -> dict[str, np.ndarray]:
         """The columns t, q1.., dq1.., ddq1.., tau1.. (nominal torque)."""

@@ -16,6 +16,8 @@ from urllib.parse import parse_qs, unquote_to_bytes
 
 from gapscope.arm.errors import InputError
 from gapscope.diagnosis.document.diagnosis_json import read_document
+from gapscope.diagnosis.document.numbers import numbers_of
+from gapscope.diagnosis.document.wording import acts_on, parameter_texts
 from gapscope.many.pages import (
     FILES,
     UNITS,
@@ -128,7 +130,11 @@ class Archive:
         dated = date is not None
         row = Row(case, place, kept, "", unit, date or changed, dated, has_report)
         # what another version has written may not be shown
-        _ = row.effects, row.possible, row.changes
+        every = [*row.effects, *row.possible]
+        _ = (
+            row.changes,
+            [(acts_on(e), parameter_texts(e), *numbers_of(e)) for e in every],
+        )
         return row
 
     def _unreadable(

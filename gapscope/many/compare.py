@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 from typing import Any
 
@@ -13,6 +14,7 @@ from scipy.stats import false_discovery_control
 
 from gapscope.arm.io.json_file import plain, schema_fault
 from gapscope.diagnosis.change_points import (
+    ChangePoint,
     appearance,
     change_point,
     change_points,
@@ -53,57 +55,47 @@ class History:
     values: np.ndarray
     stds: np.ndarray | None = None
 
-    @property
-    def p(self) -> float:
-        """Probability that an unchanged history looks as changed [1]."""
+    @cached_property
+    def first(self) -> ChangePoint:
+        """The most likely change."""
         if self.stds is None:
-            return appearance(self.values.astype(bool).tolist())[1]
-        return change_point(self.values, self.stds).p
+            return appearance(self.values.astype(bool).tolist())
+        return change_point(self.values, self.stds)
 
     def changes(self, level: float) -> Iterator[dict[str, Any]]:
         """Its changes as ``fleet.json`` has them; parts before and after one are tested again at a level."""
-        if self.stds is None:
-            # of found and not found a single change is looked for
-            position, p = appearance(self.values.astype(bool).tolist())
-            before, after = (
-                float(part.mean()) for part in np.split(self.values, [position])
-            )
-            kind = APPEARED if after > before else VANISHED
-            yield self._change(kind, position, (before, None), (after, None), p)
-            return
-        for found in change_points(self.values, self.stds, level):
-            before_value = (found.before, found.before_std)
-            after_value = (found.after, found.after_std)
-            yield self._change(
-                VALUE, found.position, before_value, after_value, found.p
-            )
-
-    def _change(
-        self,
-        kind: str,
-        position: int,
-        before: tuple[float, float | None],
-        after: tuple[float, float | None],
-        p: float,
-    ) -> dict[str, Any]:
-        """A change between two diagnoses, from a value with its standard deviation to another."""
         days = [f"{time:%Y-%m-%d}" for time in pd.to_datetime(self.times)]
-        stds = [None] * len(days) if self.stds is None else self.stds.tolist()
+        stds: Sequence[float | None] = [None] * len(days)
+        # of found and not found a single change is looked for
+        every: Sequence[ChangePoint] = (self.first,)
+        kind = VALUE
+        if self.stds is not None:
+            every, stds = (
+                change_points(self.values, self.stds, level),
+                self.stds.tolist(),
+            )
+        elif self.first.after > self.first.before:
+            kind = APPEARED
+        else:
+            kind = VANISHED
         points = zip(days, self.values.tolist(), stds, strict=True)
         history = [{"date": day, "value": x, "std": std} for day, x, std in points]
-        return {
-            **{name: self.key[name] for name in ("unit", *NUMBER, "si_unit")},
-            "joint": self.key["joint"] or None,
-            "link": self.key["link"] or None,
-            "kind": kind,
-            "last_before": days[position - 1],
-            "first_after": days[position],
-            "before": dict(zip(("value", "std"), before, strict=True)),
-            "after": dict(zip(("value", "std"), after, strict=True)),
-            "p": p,
-            "kept": self.kept[position],
-            "history": history[-POINTS:],
-        }
+        for found in every:
+            k = found.position
+            yield {
+                **{name: self.key[name] for name in ("unit", *NUMBER, "si_unit")},
+                "joint": self.key["joint"] or None,
+                "link": self.key["link"] or None,
+                "kind": kind,
+                "last_before": days[k - 1],
+                "first_after": days[k],
+                # a share has no deviation
+                "before": {"value": found.before, "std": found.before_std or None},
+                "after": {"value": found.after, "std": found.after_std or None},
+                "p": found.p,
+                "kept": self.kept[k],
+                "history": history[-POINTS:],
+            }
 
 
 def histories(
@@ -168,7 +160,7 @@ def drift(all_histories: list[History]) -> list[dict[str, Any]]:
     p among them is the level at which the parts before and after a change are tested again.
     """
     # of the whole fleet at once: one account of false alarms
-    p = np.array([history.p for history in all_histories])
+    p = np.array([history.first.p for history in all_histories])
     if not len(p):
         return []
     chosen = false_discovery_control(p) <= FALSE_CHANGES

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from datetime import date, datetime, timedelta
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from gapscope.arm.display import display_unit, effect_name, nrmse, percent, uncertain
-from gapscope.diagnosis.document.numbers import Number, place_text
+from gapscope.diagnosis.document.numbers import numbers_of, place_text
 from gapscope.diagnosis.document.wording import VERDICTS, capital
 from gapscope.envs.effect_ranges import Z95
 from gapscope.many import units as units_words
@@ -154,162 +154,115 @@ EDGE = 0.03
 """Part of the time that is drawn beyond both ends, so that no point is on the frame [1]."""
 
 
-@dataclass
-class EffectHistory:
-    """An effect on one place over time.
-
-    Attributes:
-        effect: its readable name.
-        place: ``joint 4``, ``link 3`` or ``the whole arm``.
-        found: diagnoses that name the effect there.
-        absent: dates of the other diagnoses of the unit.
-        parameters: by parameter and its unit, then by component, all points in order of time: diagnosis and number.
-    """
-
-    effect: str
-    place: str
-    found: list[Row] = field(default_factory=list)
-    absent: list[datetime] = field(default_factory=list)
-    parameters: dict[tuple[str, str], dict[str, list[Point]]] = field(
-        default_factory=dict
-    )
-
-
-Point = tuple[Row, Number]
-
-
-def histories(rows: Iterable[Row], unit: str) -> list[EffectHistory]:
-    """Effects of a unit, those found most often first.
-
-    Args:
-        rows: of an archive.
-        unit: its name; diagnoses of other units and unreadable ones are left out.
-    """
-    # values of other arms and unreadable files say nothing of this one
-    of_unit = [row for row in rows if row.unit == unit and row.document is not None]
-    in_time = sorted(of_unit, key=lambda row: (row.date, row.folder))
-    made: dict[tuple[str, str], EffectHistory] = {}
-    for row in in_time:
-        for number in (number for effect in row.effects for number in effect.numbers):
-            key = effect_name(number.effect), number.place
-            history = made.setdefault(key, EffectHistory(*key))
-            # diagnoses come in order: only the last one can be the same
-            if row not in history.found[-1:]:
-                history.found.append(row)
-            # an effect without numbers is found, and has no curve
-            if number.parameter:
-                name = number.parameter.replace("_", " "), number.unit
-                points = history.parameters.setdefault(name, {})
-                points.setdefault(number.component, []).append((row, number))
-    for history in made.values():
-        folders = {row.folder for row in history.found}
-        history.absent = [row.date for row in in_time if row.folder not in folders]
-    return sorted(made.values(), key=lambda h: (-len(h.found), h.effect, h.place))
-
-
 def render_history(rows: Sequence[Row], unit: str) -> str:
-    """The page of a unit as HTML.
+    """The page of a unit as HTML: a section for each effect and place, those found most often first.
 
     Args:
         rows: the diagnoses of the unit, readable ones alone.
         unit: its name.
     """
-    effects = histories(rows, unit)
-    figures = (_section(effect, n) for n, effect in enumerate(effects))
+    in_time = sorted(rows, key=lambda row: (row.date, row.folder))
+    numbers = pd.DataFrame(
+        {
+            **number._asdict(),
+            "effect": capital(effect_name(number.effect)),
+            "place": number.place,
+            "date": row.date,
+            "folder": row.folder,
+            "case": row.case,
+        }
+        for row in in_time
+        for entry in row.effects
+        for number in numbers_of(entry)
+    )
+    sections: list[tuple[int, PageSection]] = []
+    for (effect, place), own in (
+        numbers.groupby(["effect", "place"]) if len(numbers) else ()
+    ):
+        found = set(own["folder"])
+        absent = [row.date for row in in_time if row.folder not in found]
+        # an effect without numbers is found, and has no curve
+        curves, figure = own[own["parameter"] != ""], None
+        if len(curves):
+            figure = _drawn(curves, absent, f"effect{len(sections)}")
+        note = f"Named in {len(found)} of {len(rows)} diagnoses."
+        section = PageSection(f"{effect}, {place}", note=note, figure=figure)
+        sections.append((len(found), section))
+    dates = [row.date_text for row in in_time]
+    span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
+    said = "No effect was named in any of them."
+    if sections:
+        said = (
+            "Bars: 95 % intervals. Dotted: a diagnosis that does not name the effect there, which is not a measurement "
+            "of zero. Values are relative to each case's own nominal arm: change it, and they step."
+        )
+    count = f"{len(rows)} diagnos{'is' if len(rows) == 1 else 'es'}"
+    # sorted is stable: of those found as often the names decide
+    ordered = sorted(sections, key=lambda section: -section[0])
     return render_html(
         "archive/history.html",
         title=f"{unit}: effects over time",
-        facts=_facts(rows, effects),
-        sections=list(figures),
+        facts=f"{count}, {span}. {said}",
+        sections=[section for _, section in ordered],
         whole=False,
         **row_content(rows),
     )
 
 
-def _facts(rows: Sequence[Row], effects: Sequence[EffectHistory]) -> str:
-    dates = sorted(row.date_text for row in rows)
-    count = f"{len(rows)} diagnos{'is' if len(rows) == 1 else 'es'}"
-    span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
-    if not effects:
-        return f"{count}, {span}. No effect was named in any of them."
-    return (
-        f"{count}, {span}. Bars: 95 % intervals. Dotted: a diagnosis that does not name the effect there, which is not "
-        "a measurement of zero. Values are relative to each case's own nominal arm: change it, and they step."
-    )
+def _drawn(numbers: pd.DataFrame, absent: Sequence[datetime], name: str) -> Markup:
+    """A panel for each parameter, over one axis of time.
 
-
-def _section(history: EffectHistory, number: int) -> PageSection:
-    found, absent = len(history.found), len(history.absent)
-    note = f"Named in {found} of {found + absent} diagnoses."
-    return PageSection(
-        f"{capital(history.effect)}, {history.place}",
-        note=note,
-        figure=_drawn(history, f"effect{number}") if history.parameters else None,
-    )
-
-
-def _drawn(history: EffectHistory, name: str) -> Markup:
-    """A panel for each parameter, over one axis of time."""
-    count = len(history.parameters)
+    Args:
+        numbers: of an effect on one place, in the order of time, with the date of each.
+        absent: dates of the diagnoses that do not name it.
+        name: of the figure.
+    """
+    panels = [own for _, own in numbers.groupby(["parameter", "unit"], sort=False)]
+    count, names = len(panels), False
     figure = subplots(count, shared_xaxes=True, vertical_spacing=0.12 / count)
-    for row, ((parameter, unit), components) in enumerate(
-        history.parameters.items(), 1
-    ):
+    for row, panel in enumerate(panels, 1):
+        parameter, unit = panel.iloc[0][["parameter", "unit"]]
         # one unit for a panel: its values share an axis
-        factor, shown_unit = _shown_unit(unit, components)
-        for colour, (component, points) in zip(
-            COLOURS, components.items(), strict=False
-        ):
-            stds = [number.std for _, number in points]
+        factor, shown_unit = display_unit(unit, panel["value"].abs().max())
+        components = panel.groupby("component", sort=False)
+        names |= len(components) > 1
+        for colour, (component, points) in zip(COLOURS, components, strict=False):
+            bars = Z95 * factor * points["std"].astype(float)
             figure.add_scatter(
-                x=[row.date.isoformat() for row, _ in points],
-                y=[factor * float(number.value or 0.0) for _, number in points],
-                error_y={
-                    "array": [Z95 * factor * std if std else None for std in stds]
-                },
-                text=[row.case for row, _ in points],
+                x=[date.isoformat() for date in points["date"]],
+                y=(factor * points["value"]).tolist(),
+                # nothing is drawn of a deviation that is not known
+                error_y={"array": [bar if bar > 0 else None for bar in bars]},
+                text=points["case"].tolist(),
                 hovertemplate="%{text}<br>%{x}<br>%{y:.4g}<extra></extra>",
                 mode="markers+lines",
                 line={"color": colour, "width": 1, "dash": "dot"},
                 marker={"color": colour, "size": 7},
-                name=f"{parameter} {component}".strip(),
+                name=f"{parameter.replace('_', ' ')} {component}".strip(),
                 showlegend=bool(component),
                 row=row,
                 col=1,
             )
         bracket = f" [{shown_unit}]" if shown_unit else ""
-        figure.update_yaxes(title_text=f"{parameter}{bracket}", row=row)
+        title = f"{parameter.replace('_', ' ')}{bracket}"
+        figure.update_yaxes(title_text=title, row=row)
     # first and last moment of the axis: the same for all effects of a unit
-    dates = [*(row.date for row in history.found), *history.absent]
+    dates = [*numbers["date"], *absent]
     first, last = min(dates), max(dates)
     # a single date would leave the axis without a length
     beyond = max(EDGE * (last - first), timedelta(days=1))
-    drawn_span = [(first - beyond).isoformat(), (last + beyond).isoformat()]
-    figure.update_xaxes(type="date", range=drawn_span)
+    span = [(first - beyond).isoformat(), (last + beyond).isoformat()]
+    figure.update_xaxes(type="date", range=span)
     figure.update_xaxes(title_text="date", row=count)
-    figure.update_layout(shapes=_absent_lines(history))
-    named = any(len(components) > 1 for components in history.parameters.values())
-    top = LEGEND if named else 12
+    if absent:
+        # one path, since there may be thousands; a blank would part the date in two numbers of it
+        path = " ".join(f"M {date:%Y-%m-%d_%H:%M:%S},0 V 1" for date in absent)
+        line = {"color": ZERO, "width": 1, "dash": "dot"}
+        place = {"xref": "x", "yref": "paper", "layer": "below"}
+        figure.add_shape(type="path", path=path, line=line, **place)
+    top = LEGEND if names else 12
     margin = {"l": 62, "r": 14, "t": top, "b": 46}
     return figure_html(figure, name, PANEL * count + top + AXIS, margin=margin)
-
-
-def _shown_unit(unit: str, components: dict[str, list[Point]]) -> tuple[float, str]:
-    """One readable unit for all values of a panel, and the factor to it."""
-    points = (point for of_one in components.values() for point in of_one)
-    return display_unit(unit, max(abs(number.value or 0.0) for _, number in points))
-
-
-def _absent_lines(history: EffectHistory) -> list[dict[str, object]]:
-    """Dotted lines at the diagnoses without the effect: one path, since there may be thousands."""
-    # a blank would part the date in two numbers of the path
-    dates = [f"{date:%Y-%m-%d_%H:%M:%S}" for date in history.absent]
-    if not dates:
-        return []
-    path = " ".join(f"M {date},0 V 1" for date in dates)
-    line = {"color": ZERO, "width": 1, "dash": "dot"}
-    place = {"xref": "x", "yref": "paper", "layer": "below"}
-    return [{"type": "path", "path": path, "line": line, **place}]
 
 
 # A fleet in words: its headline, places of effects, values and changes.

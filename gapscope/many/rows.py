@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path, PurePath
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import quote
 from uuid import uuid4
 
@@ -22,8 +22,8 @@ import pyarrow.parquet as pq
 from gapscope.arm.display import effect_name
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.diagnosis.document.numbers import Number, numbers_of
-from gapscope.diagnosis.document.wording import VERDICTS, acts_on, parameter_texts
+from gapscope.diagnosis.document.numbers import numbers_of
+from gapscope.diagnosis.document.wording import VERDICTS, acts_on
 from gapscope.envs.effect_ranges import Z95
 from gapscope.model.changes import change_text
 
@@ -102,16 +102,6 @@ FAILED = "failed"
 """Verdict of a case without a diagnosis, or of a file that cannot be read."""
 
 
-class Named(NamedTuple):
-    """An effect in words: its name, what it acts on, share of the gap [1], parameters a line each, and its numbers."""
-
-    effect: str
-    acts_on: str
-    share: float
-    values: tuple[str, ...]
-    numbers: tuple[Number, ...]
-
-
 @dataclass(frozen=True)
 class Row:
     """A diagnosis of many: of a run over several cases, below a folder, or of a fleet.
@@ -125,6 +115,7 @@ class Row:
         date: local time.
         dated: whether the date is that of a name; otherwise the file's last change.
         has_report: whether ``report.html`` is beside it.
+        exit_code: of a command that made it: not 0 if it failed.
     """
 
     case: str
@@ -135,6 +126,7 @@ class Row:
     date: datetime = datetime.min
     dated: bool = False
     has_report: bool = False
+    exit_code: int = 0
 
     @property
     def label(self) -> str:
@@ -161,18 +153,18 @@ class Row:
     @property
     def line(self) -> str:
         """Verdict and effects in a sentence, or why there is no diagnosis."""
-        found = "; ".join(f"{one.effect}, {one.acts_on}" for one in self.effects)
-        return self.problem or f"{VERDICTS[self.verdict]}. {found}".strip()
+        each = (f"{effect_name(one['effect'])}, {acts_on(one)}" for one in self.effects)
+        return self.problem or f"{VERDICTS[self.verdict]}. {'; '.join(each)}".strip()
 
-    @cached_property
-    def effects(self) -> tuple[Named, ...]:
-        """Those named, the largest share first."""
-        return self._named("effects")
+    @property
+    def effects(self) -> Sequence[Mapping[str, Any]]:
+        """Entries of those named, the largest share first."""
+        return (self.document or {}).get("effects", ())
 
-    @cached_property
-    def possible(self) -> tuple[Named, ...]:
-        """Those possible, not confirmed."""
-        return self._named("possible")
+    @property
+    def possible(self) -> Sequence[Mapping[str, Any]]:
+        """Entries of those possible, not confirmed."""
+        return (self.document or {}).get("possible", ())
 
     @cached_property
     def changes(self) -> tuple[str, ...]:
@@ -228,18 +220,6 @@ class Row:
                         row["low"] = number.value - Z95 * number.std
                         row["high"] = number.value + Z95 * number.std
                     yield row
-
-    def _named(self, section: str) -> tuple[Named, ...]:
-        return tuple(
-            Named(
-                effect_name(entry["effect"]),
-                acts_on(entry),
-                float(entry["share"]),
-                tuple(f"{text.name} {text.text}" for text in parameter_texts(entry)),
-                tuple(numbers_of(entry)),
-            )
-            for entry in (self.document or {}).get(section, ())
-        )
 
 
 def _mean(values: np.ndarray) -> float | None:

@@ -16,7 +16,7 @@ its column.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -45,32 +45,16 @@ LARGEST = 10.0
 """Largest torque of an effect that is looked at, over the joint's scale [1]. (budget)"""
 
 
-@dataclass(frozen=True)
-class Detectable:
-    """Sizes of a term's first coordinate at which it would be named.
-
-    Attributes:
-        term: the term.
-        half: named with a probability of 0.5.
-        most: named with a probability of 0.9.
-        shape: its nonlinear parameters, if it has some.
-    """
-
-    term: Term
-    half: float
-    most: float
-    shape: tuple[float, ...] = ()
-
-
-def detectable(
-    found: Difference, group: int, visible: float = 0.0
-) -> Iterator[Detectable]:
-    """Sizes of each further term of a group at which it would be named beside what was found.
+def expected_entries(
+    found: Difference, group: int, visible: float = 0.0, proportional: bool = False
+) -> list[dict[str, Any]]:
+    """``expected`` of a document: sizes at which each further term of a group would be named beside what was found.
 
     Args:
         found: what was found.
         group: the group.
         visible: v, over the joint's scale [1].
+        proportional: without what does not act in proportion to its size, elasticity and backlash.
     """
     fit, own = found.fit, found.fit.own
     charges = {term: searched.charge for term, searched in found.found.items()}
@@ -103,6 +87,7 @@ def detectable(
         one: _beside_prior(information, at[one], own.deviations([one], [own.sizes[-1]]))
         for one in further
     }
+    entries = []
     for one in further:
         unit, mine = own.design.units[one.term], at[one]
         alone = odds[one] - float(np.log(len(own.sizes)))
@@ -137,10 +122,11 @@ def detectable(
             both = np.concatenate([mine, at[rival]])
             parts = block_diag(middle, -against)
             sizes = np.maximum(sizes, _sizes(information, both, parts, over))
-        half, most = sizes / unit[0]
         searched = found.found.get(one.term)
-        shape = searched.values if searched else ()
-        yield Detectable(one.term, float(half), float(most), tuple(shape))
+        shape = np.array(searched.values if searched else ()).reshape(-1, 1)
+        if one.term.definition.locally_linear or not proportional:
+            entries.append(_entry(one.term, sizes / unit[0], shape))
+    return entries
 
 
 def _told_apart(one: Candidate, other: Candidate) -> bool:
@@ -159,34 +145,28 @@ def _beside_prior(
     return np.linalg.inv(own + np.diag(width**-2.0)), charge
 
 
-def expected_entries(found: Iterable[Detectable]) -> list[dict[str, Any]]:
-    """``expected`` of a document: sizes of effects, by their own parameters."""
-    entries = []
-    for one in found:
-        fitted, term = one.term.parametrisation, one.term
-        apart = ("link", *fitted.nonlinear)
-        parameter = next(p for p in term.definition.parameters if p.name not in apart)
-        shape = np.array(one.shape).reshape(-1, 1)
-        low, high = parameter.bounds
-        values: list[float | None] = []
-        for size in (one.half, one.most):
-            coordinates = np.zeros((fitted.linear, 1))
-            coordinates[0] = size if np.isfinite(size) else 0.0
-            found_value = np.ravel(fitted.values(coordinates, shape)[parameter.name])[0]
-            # what cannot be is never named
-            possible = np.isfinite(size) and low <= found_value <= high
-            values.append(float(found_value) if possible else None)
-        entries.append(
-            {
-                "effect": term.effect,
-                "joints": [term.joint] if term.joint else [],
-                "parameter": parameter.name,
-                "unit": parameter.unit,
-                "half": values[0],
-                "nine_of_ten": values[1],
-            }
-        )
-    return entries
+def _entry(term: Term, sizes: np.ndarray, shape: np.ndarray) -> dict[str, Any]:
+    """Sizes of a term's first coordinate as those of its first own parameter, with its nonlinear ones, (K, 1)."""
+    fitted = term.parametrisation
+    apart = ("link", *fitted.nonlinear)
+    parameter = next(p for p in term.definition.parameters if p.name not in apart)
+    low, high = parameter.bounds
+    values: list[float | None] = []
+    for size in sizes:
+        coordinates = np.zeros((fitted.linear, 1))
+        coordinates[0] = size if np.isfinite(size) else 0.0
+        value = np.ravel(fitted.values(coordinates, shape)[parameter.name])[0]
+        # what cannot be is never named
+        possible = np.isfinite(size) and low <= value <= high
+        values.append(float(value) if possible else None)
+    return {
+        "effect": term.effect,
+        "joints": [term.joint] if term.joint else [],
+        "parameter": parameter.name,
+        "unit": parameter.unit,
+        "half": values[0],
+        "nine_of_ten": values[1],
+    }
 
 
 def _least(made: Design, term: Term, seen: np.ndarray) -> float:

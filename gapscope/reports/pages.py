@@ -19,7 +19,12 @@ from rich.text import Text
 from gapscope.arm import display
 from gapscope.arm.display import effect_name
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.diagnosis.document.wording import acts_on, capital, holds_in
+from gapscope.diagnosis.document.wording import (
+    acts_on,
+    capital,
+    holds_in,
+    parameter_texts,
+)
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -74,6 +79,7 @@ def environment() -> jinja2.Environment:
         "unit": _unit,
         "effect_name": effect_name,
         "acts_on": acts_on,
+        "parameter_texts": parameter_texts,
         "holds_in": holds_in,
         "capital": capital,
     }

@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from hashlib import blake2b
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -123,25 +122,6 @@ class Event:
         return json.dumps(plain(content), ensure_ascii=False, allow_nan=False)
 
 
-@dataclass(frozen=True)
-class Slip:
-    """An encoder that slipped: its reading jumped, and stays off.
-
-    Attributes:
-        recording: in which.
-        before, after: times of the samples on both sides [s].
-        joint: from 1.
-        size, error: of the jump, and its standard deviation [rad or m].
-    """
-
-    recording: str
-    before: float
-    after: float
-    joint: int
-    size: float
-    error: float
-
-
 # What changed as an event: its name, its sizes with errors, and the sentence for a reader.
 
 
@@ -168,18 +148,36 @@ class Time(NamedTuple):
     until: float | None = None
 
     @property
-    def over(self) -> float | None:
-        """When a change that took a while was over [s]; ``None`` if it was none, or is not."""
-        return None if self.until is None or self.until >= self.detected else self.until
-
-    @property
     def text(self) -> str:
         """``at 3.4 s of shift.csv``, ``from 3.4 to 9.1 s of shift.csv``."""
         if self.until is None:
             return f"at {self.begun:.1f} s of {self.recording}"
-        if self.over is None:
+        if self.until >= self.detected:
             return f"little by little since {self.begun:.1f} s of {self.recording}, and goes on"
-        return f"from {self.begun:.1f} to {self.over:.1f} s of {self.recording}"
+        return f"from {self.begun:.1f} to {self.until:.1f} s of {self.recording}"
+
+    def event(
+        self,
+        kind: str,
+        sentence: str,
+        effect: str = OTHER,
+        change: str = "changed",
+        **more: Any,
+    ) -> Event:
+        """An event at this moment; without an effect, one of what has no name."""
+        over = None if self.until is None or self.until >= self.detected else self.until
+        return Event(
+            kind,
+            sentence,
+            effect,
+            change,
+            recording=self.recording,
+            time=self.begun,
+            interval=self.interval,
+            detected=self.detected,
+            until=over,
+            **more,
+        )
 
 
 def alarm(
@@ -217,12 +215,11 @@ def alarm(
         names = [_in_words(effect, at) for effect, at, _ in nearly]
         text += f", or it is {', or '.join(names)}"
     size_text = ", ".join(f"{key} {size}" for key, size in sizes.items())
-    return _event(
+    return when.event(
         event,
         f"{text} {when.text}: {size_text}",
-        when,
-        effect=what,
-        change=word.removeprefix("was ").removeprefix("has "),
+        what,
+        word.removeprefix("was ").removeprefix("has "),
         joints=joints,
         sizes=sizes,
         evidence={
@@ -233,21 +230,13 @@ def alarm(
     )
 
 
-def slipped(slip: Slip, sliding: Sequence[bool]) -> Event:
-    """The alarm of an encoder whose reading jumped."""
-    size = Size(slip.size, slip.error, joint_unit("rad", sliding[slip.joint - 1]))
-    when = Time(slip.recording, slip.after, (slip.before, slip.after), slip.after)
+def slipped(when: Time, joint: int, size: Size) -> Event:
+    """The alarm of an encoder whose reading jumped by a size, and stays off."""
     word = _direction(ENCODER, {"offset": size})
-    text = f"{_in_words(ENCODER, [slip.joint])} {word} {when.text}"
-    return _event(
-        ALARM,
-        f"{text}: its reading jumped by {size}",
-        when,
-        effect=ENCODER,
-        change=word.removeprefix("has "),
-        joints=[slip.joint],
-        sizes={"offset": size},
-    )
+    text = f"{_in_words(ENCODER, [joint])} {word} {when.text}: its reading jumped by {size}"
+    change = word.removeprefix("has ")
+    sizes = {"offset": size}
+    return when.event(ALARM, text, ENCODER, change, joints=[joint], sizes=sizes)
 
 
 def noise_alarm(growth: Mapping[int, float], when: Time) -> Event:
@@ -262,7 +251,7 @@ def noise_alarm(growth: Mapping[int, float], when: Time) -> Event:
     place = f"on joint {', '.join(map(str, joints))}"
     text = f"something else changed {place} {when.text}: {', '.join(shown)}"
     evidence = {f"growth_{j}": growth[j] for j in joints}
-    return _nameless(ALARM, text, joints, when, evidence)
+    return when.event(ALARM, text, joints=joints, evidence=evidence)
 
 
 def misfit(joints: Sequence[int], when: Time) -> Event:
@@ -270,39 +259,7 @@ def misfit(joints: Sequence[int], when: Time) -> Event:
     place = f" of joint {', '.join(map(str, joints))}" if joints else ""
     text = f"since {when.begun:.1f} s of {when.recording} the torque{place} fits the arm less well"
     text += ", and no single cause explains it: a motion that is new to the watch, or a change without a name"
-    return _nameless(MISFIT, text, joints, when, {})
-
-
-def _event(event: str, sentence: str, when: Time, **more: Any) -> Event:
-    """An event at a moment."""
-    return Event(
-        event=event,
-        sentence=sentence,
-        recording=when.recording,
-        time=when.begun,
-        interval=when.interval,
-        detected=when.detected,
-        until=when.over,
-        **more,
-    )
-
-
-def _nameless(
-    event: str,
-    sentence: str,
-    joints: Sequence[int],
-    when: Time,
-    evidence: Mapping[str, float],
-) -> Event:
-    return _event(
-        event,
-        sentence,
-        when,
-        effect=OTHER,
-        change="changed",
-        joints=joints,
-        evidence=evidence,
-    )
+    return when.event(MISFIT, text, joints=joints)
 
 
 def drift_note(joint: int, size: Size, share: float, when: Time) -> Event:
@@ -434,20 +391,21 @@ class SegmentStream:
     that comes in small parts no more than ``FIRST`` seconds are held.
 
     Args:
+        sliding: which joints slide.
+
+    Attributes:
         cutoff: of the positions [Hz], the largest that a motion asked for so far (``position_cutoff``).
-        held: samples that were not used yet, from an earlier run.
+        held: samples that were not used yet.
         slipped: by how much encoders have slipped so far [rad or m], (n,), or 0.
     """
 
-    def __init__(
-        self,
-        cutoff: float | None = None,
-        held: Recording | None = None,
-        slipped: np.ndarray | float = 0.0,
-    ) -> None:
-        self.cutoff, self.held, self.slipped = cutoff, held, slipped
+    def __init__(self, sliding: Sequence[bool]) -> None:
+        self._sliding = sliding
+        self.cutoff: float | None = None
+        self.held: Recording | None = None
+        self.slipped: np.ndarray | float = 0.0
 
-    def add(self, part: Recording) -> Iterator[Segment | Slip]:
+    def add(self, part: Recording) -> Iterator[Segment | Event]:
         """The segments that are complete with the next part of a recording, of this name or a new one.
 
         Parts without torque end what came before them.
@@ -466,7 +424,7 @@ class SegmentStream:
         if self.cutoff is not None:
             yield from self._windows(own, WINDOW)
 
-    def finish(self) -> Iterator[Segment | Slip]:
+    def finish(self) -> Iterator[Segment | Event]:
         """The last segments of a recording that has ended, if what is left is long enough."""
         own, self.held = self.held, None
         if own is None or own.duration < MIN_LEFT:
@@ -475,7 +433,7 @@ class SegmentStream:
             yield from self._windows(own, MIN_LEFT)
             self.held = None
 
-    def _windows(self, own: Recording, least: float) -> Iterator[Segment | Slip]:
+    def _windows(self, own: Recording, least: float) -> Iterator[Segment | Event]:
         """Segments of windows that begin ``BLOCK`` seconds after each other while ``least`` seconds are left."""
         first = 0
         while own.t[-1] - own.t[first] >= least:
@@ -485,11 +443,11 @@ class SegmentStream:
             following = int(np.searchsorted(own.t, begin + BLOCK))
             # on raw samples, before a filter smears them
             for jump in slips(own.part(slice(first, stop))):
-                k = first + jump.sample
+                k, joint = first + jump.sample, jump.joint + 1
                 before, after = float(own.t[k - 1]), float(own.t[k])
-                yield Slip(
-                    own.name, before, after, jump.joint + 1, jump.size, jump.error
-                )
+                unit = joint_unit("rad", self._sliding[jump.joint])
+                when = Time(own.name, after, (before, after), after)
+                yield slipped(when, joint, Size(jump.size, jump.error, unit))
                 gone = np.zeros(own.q.shape[1])
                 gone[jump.joint] = jump.size
                 # later parts have it as well
@@ -669,7 +627,7 @@ class Detector:
         false_alarms: float = 0.1,
         learning: float = LEARN,
     ) -> None:
-        self.corrected, self.stream = corrected, SegmentStream()
+        self.corrected, self.stream = corrected, SegmentStream(corrected.arm.sliding)
         n = corrected.arm.n_joints
         self.state = State(np.zeros(n, dtype=int), np.zeros(n))
         self._nominal = CorrectedArm(corrected.arm)
@@ -695,8 +653,8 @@ class Detector:
         # a new recording ends the one before it
         self._begun = {**dict(list(self._begun.items())[-1:]), part.name: part.begun}
         for item in self.stream.add(part):
-            if isinstance(item, Slip):
-                yield slipped(item, self.corrected.arm.sliding)
+            if isinstance(item, Event):
+                yield item
             # an arm at rest tells nothing of what moves it
             elif np.ptp(item.motion.q, axis=0).max() >= MOVED:
                 yield from self._added(self._block(item))
@@ -1050,18 +1008,19 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
     if abs(further[rest][0] - t[first][-1] - step) > MIN_STEP * step:
         return None
 
-    def both(one: Any, other: Any, name: str) -> np.ndarray:
-        return np.concatenate([getattr(one, name)[first], getattr(other, name)[rest]])
+    def both(one: Any, other: Any) -> np.ndarray:
+        return np.concatenate([one[first], other[rest]])
 
-    motions = before.motion, after.motion
-    series: dict[str, Any] = {
-        name: both(before, after, name) for name in ("torque", "temperature")
-    }
-    if before.unknown is not None or after.unknown is not None:
-        # ``measured`` is there for segments without unknown torque as well
-        series["unknown"] = ~both(before, after, "measured")
-    motion = Motion(*(both(*motions, name) for name in ("t", "q", "dq", "ddq")))
-    return replace(before, motion=motion, **series)
+    series = zip(vars(before.motion).values(), vars(after.motion).values(), strict=True)
+    # ``measured`` is there for segments without unknown torque as well
+    measured = both(before.measured, after.measured)
+    return replace(
+        before,
+        motion=Motion(*(both(*pair) for pair in series)),
+        torque=both(before.torque, after.torque),
+        temperature=both(before.temperature, after.temperature),
+        unknown=None if measured.all() else ~measured,
+    )
 
 
 # The state of a watch as one NPZ file, so that a later run goes on where this one ended.
@@ -1079,7 +1038,7 @@ class Saved:
 
     Attributes:
         schema: version of its form.
-        arm: what the state is of; see ``fingerprint``.
+        arm: fingerprint of what it was learnt about: with another arm it is worth nothing.
         position: of the source.
         count: events that were written.
         cutoff, held, slipped: of the stream.
@@ -1094,24 +1053,6 @@ class Saved:
     held: Recording | None
     slipped: np.ndarray | float
     state: State
-
-
-def fingerprint(corrected: CorrectedArm, learning: float) -> str:
-    """A short text that changes with the arm, its effects and the settings that a state depends on."""
-    arm = corrected.arm
-    body = RigidBody(arm)
-    # all that a state was learnt about: with another arm it is worth nothing
-    effects = [
-        (e.name, e.joints, {k: np.asarray(v).tolist() for k, v in e.parameters.items()})
-        for e in corrected.effects
-    ]
-    sheet = [arm.gravity, arm.armature, arm.coulomb, arm.viscous, arm.presliding]
-    parts = [body.inertial_parameters(), *sheet]
-    digest = blake2b(digest_size=16)
-    for part in parts:
-        digest.update(np.ascontiguousarray(part).data)
-    digest.update(repr((arm.joints, effects, learning)).encode())
-    return digest.hexdigest()
 
 
 def save_state(

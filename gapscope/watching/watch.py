@@ -22,6 +22,7 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.provenance import fingerprint
 from gapscope.watching.detector import (
     ALARM,
     EVENTS,
@@ -33,7 +34,6 @@ from gapscope.watching.detector import (
     EventFile,
     Saved,
     WatchSettings,
-    fingerprint,
     load_state,
     save_state,
 )
@@ -63,13 +63,19 @@ class Reading:
     Args:
         arm: the nominal arm.
         importing: the case's import section.
+        payload_of: known body that was mounted in the recording of a file.
 
     Attributes:
         failure: the first file or row that could not be used while nothing else was, or ``None``.
     """
 
-    def __init__(self, arm: NominalArm, importing: Import | None) -> None:
-        self.arm, self.importing = arm, importing
+    def __init__(
+        self,
+        arm: NominalArm,
+        importing: Import | None,
+        payload_of: Callable[[Path], KnownLoad | None] = lambda _: None,
+    ) -> None:
+        self.arm, self.importing, self.payload_of = arm, importing, payload_of
         self.failure: InputError | None = None
         self.succeeded = False
 
@@ -291,7 +297,6 @@ class Folder:
         rest: time without a write after which a file is complete [s].
         position: where an earlier run ended, or ``None``.
         without: a folder that is none of the source's, such as that of the results.
-        payload_of: known body that was mounted in the recording of a file.
 
     Attributes:
         unfinished: whether the last call of ``poll`` left out a file that may not be whole yet.
@@ -304,11 +309,9 @@ class Folder:
         rest: float,
         position: Mapping[str, Any] | None = None,
         without: Path | None = None,
-        payload_of: Callable[[Path], KnownLoad | None] = lambda _: None,
     ) -> None:
         self.path, self.reading, self.rest = path, reading, rest
         self._without = None if without is None else without.resolve()
-        self._payload_of = payload_of
         self.unfinished = False
         done = {} if position is None else position["done"]
         self._done: dict[str, int] = {str(k): int(v) for k, v in done.items()}
@@ -350,7 +353,7 @@ class Folder:
                 file,
                 self.reading.arm,
                 self.reading.importing,
-                payload=self._payload_of(file),
+                payload=self.reading.payload_of(file),
             )
         except InputError as error:
             return self.reading.note(error)
@@ -451,10 +454,11 @@ class Watch:
         self.alarms = self.misfits = 0
         self.read: set[str] = set()
         self.resumed = False
-        self._arm = fingerprint(corrected, settings.learning)
+        self._arm = fingerprint((corrected.arm, corrected.effects, settings.learning))
         earlier = self._earlier()
-        importing = case.importing if case else None
-        self._reading = Reading(corrected.arm, importing)
+        self._reading = Reading(corrected.arm, None)
+        if case:
+            self._reading = Reading(corrected.arm, case.importing, case.payload_of)
         self._first: list[Event] = []
         # with 0 s to learn from, the case says what is normal, if no earlier run did
         if not (settings.learning or self.resumed):
@@ -462,7 +466,12 @@ class Watch:
             told = [one for one in recordings if one.tau is not None]
             self._first.append(self.detector.learn_from(told))
         position = earlier.position if earlier else None
-        self.source = self._source(position, case)
+        path, out = settings.source, settings.out
+        self.source: Source
+        if path.is_file() and is_text(path):
+            self.source = GrowingFile(path, self._reading, settings.rest, position)
+        else:
+            self.source = Folder(path, self._reading, settings.rest, position, out)
         self._events = None
         if settings.out is not None:
             count = earlier.count if earlier else 0
@@ -525,23 +534,6 @@ class Watch:
             if event.event == MISFIT:
                 self.misfits += 1
             yield event
-
-    def _source(self, position: dict[str, Any] | None, case: Case | None) -> Source:
-        path = self.settings.source
-        if path.is_file() and is_text(path):
-            return GrowingFile(path, self._reading, self.settings.rest, position)
-
-        def no_load(_: Path) -> KnownLoad | None:
-            return None
-
-        return Folder(
-            path,
-            self._reading,
-            self.settings.rest,
-            position,
-            without=self.settings.out,
-            payload_of=case.payload_of if case else no_load,
-        )
 
     def _earlier(self) -> Saved | None:
         """What an earlier run left, if it watched the same arm."""

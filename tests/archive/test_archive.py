@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from pathlib import Path
 
 import documents
 import pytest
 
 from gapscope.arm.errors import InputError
-from gapscope.many.archive import Archive
-from gapscope.many.pages import histories
+from gapscope.many.archive import Archive, answer
 
 
 def put(root: Path, folder: str, **changes: object) -> Path:
@@ -106,19 +106,16 @@ def test_the_history_of_a_unit_has_every_joint_and_says_where_an_effect_is_absen
         put(tmp_path, f"2026-0{month}/arm", case="arm", effects=effects)
     put(tmp_path, "2026-01/other", case="other")
 
-    found = histories(Archive(tmp_path).rows(), "arm")
-    by_place = {(history.effect, history.place): history for history in found}
-    assert list(by_place) == [
-        ("actuator delay", "joint 4"),
-        ("actuator delay", "joint 5"),
-        ("payload", "the whole arm"),
+    page = answer(Archive(tmp_path), "/unit/arm").content.decode()
+    titles = re.findall(r"<h2>(.*?)</h2>\s*<p[^>]*>(.*?)</p>", page)
+    assert titles == [
+        ("Actuator delay, joint 4", "Named in 3 of 3 diagnoses."),
+        ("Actuator delay, joint 5", "Named in 3 of 3 diagnoses."),
+        ("Payload, the whole arm", "Named in 2 of 3 diagnoses."),
     ]
-    points = by_place["actuator delay", "joint 5"].parameters["delay", "s"][""]
-    assert [number.value for _, number in points] == pytest.approx(
-        [0.002, 0.004, 0.006]
-    )
-    assert [entry.date.month for entry, _ in points] == [1, 2, 3]
-    carried = by_place["payload", "the whole arm"]
-    assert list(carried.parameters["com", "m"]) == ["x", "y", "z"]
-    assert [date.month for date in carried.absent] == [2]
-    assert by_place["actuator delay", "joint 5"].absent == []
+    assert page.count("2026-02-01_00:00:00,0 V 1") == 1
+    shown = [json.loads(y) for y in re.findall(r'"y":(\[.*?\])', page)]
+    # in ms
+    assert shown[0] == pytest.approx([1.0, 2.0, 3.0])
+    assert shown[1] == pytest.approx([2.0, 4.0, 6.0])
+    assert re.findall(r'"name":"com (.)"', page) == ["x", "y", "z"]

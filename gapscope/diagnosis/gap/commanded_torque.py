@@ -173,7 +173,7 @@ def with_commanded_torque(case: Case) -> Case:
         warnings.append(UNSURE)
     if case.controller.integrates:
         warnings.append(STARTED)
-    return replace(_filled(case, "bilinear"), warnings=tuple(warnings))
+    return replace(filled(case), warnings=tuple(warnings))
 
 
 def with_likelier_rule(case: Case, effects: tuple[AppliedEffect, ...]) -> Case | None:
@@ -205,7 +205,7 @@ def with_likelier_rule(case: Case, effects: tuple[AppliedEffect, ...]) -> Case |
     shift = float(np.median(half_ticks))
     if not 0.5 < abs(shift) < 1.5:
         return None
-    return _filled(case, "semi_implicit" if shift > 0 else "backward")
+    return filled(case, "semi_implicit" if shift > 0 else "backward")
 
 
 def _unsure(case: Case) -> bool:
@@ -220,22 +220,17 @@ def _unsure(case: Case) -> bool:
     )
 
 
-def _filled(case: Case, rule: str) -> Case:
-    """The case with the torque of the recordings that have a reference."""
+def filled(case: Case, rule: str = "bilinear") -> Case:
+    """The case with the torque that its controller commanded, by a rule, in the recordings that have a reference."""
     controller = case.controller
     assert controller is not None
     every = (*case.recordings, *case.judged)
     referred = [recording for recording in every if recording.q_ref is not None]
     torques = commanded_torques(case.arm, controller, referred, rule)
     of_each = {id(r): torque for r, torque in zip(referred, torques, strict=True)}
-
-    def filled(recording: Recording) -> Recording:
-        return replace(recording, tau=of_each.get(id(recording)))
-
-    recordings, judged = (
-        tuple(map(filled, part)) for part in (case.recordings, case.judged)
+    return case.each(
+        lambda recording: replace(recording, tau=of_each.get(id(recording)))
     )
-    return replace(case, recordings=recordings, judged=judged)
 
 
 def commanded_torques(

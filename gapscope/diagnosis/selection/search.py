@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -50,7 +51,7 @@ from gapscope.model.difference import (
     Search,
 )
 from gapscope.model.equations import Equations, learn
-from gapscope.model.expected import Detectable, detectable
+from gapscope.model.expected import expected_entries
 from gapscope.model.gravity_direction import as_mounted
 from gapscope.model.nonlinear_values import CompliantBodies, Scanner
 from gapscope.model.rows import Rows
@@ -114,7 +115,7 @@ def _scales(made: Design) -> dict[Term, int]:
 
 def could_show(
     arm: NominalArm, recordings: Sequence[Recording]
-) -> Iterator[Detectable]:
+) -> list[dict[str, Any]]:
     """Sizes at which effects would be named of recordings that nobody has searched, or that are only planned.
 
     Args:
@@ -127,13 +128,9 @@ def could_show(
     return nameable(search_of(arm, recordings).unsearched())
 
 
-def nameable(found: Difference) -> Iterator[Detectable]:
-    """Sizes of further terms at which a search would name them.
-
-    What does not act in proportion to its size, elasticity and backlash, is left out.
-    """
-    every = detectable(found, *EVERYONE, VISIBLE_EFFECT)
-    return (one for one in every if one.term.definition.locally_linear)
+def nameable(found: Difference) -> list[dict[str, Any]]:
+    """Sizes of further terms at which a search would name them, as ``expected`` of a document has them."""
+    return expected_entries(found, *EVERYONE, VISIBLE_EFFECT, proportional=True)
 
 
 @dataclass

@@ -444,17 +444,19 @@ def test_several_changes_are_found_in_order() -> None:
 
 
 def test_appearance_counts_all_orders() -> None:
-    assert appearance([False] * 5 + [True] * 3) == (5, pytest.approx(2 / 56))
+    found = appearance([False] * 5 + [True] * 3)
+    assert (found.position, found.before, found.after) == (5, 0.0, 1.0)
+    assert found.p == pytest.approx(2 / 56)
     n, m = 9, 4
     orders = [[k in chosen for k in range(n)] for chosen in combinations(range(n), m)]
-    p = np.array([appearance(order)[1] for order in orders])
+    p = np.array([appearance(order).p for order in orders])
     # exact: as many orders as it says have a probability as small
     for level in np.unique(p):
         assert (p <= level + 1e-12).mean() == pytest.approx(level)
 
 
 def test_an_effect_that_is_always_named_has_not_appeared() -> None:
-    assert appearance([True] * 6)[1] == appearance([False] * 6)[1] == 1.0
+    assert appearance([True] * 6).p == appearance([False] * 6).p == 1.0
 
 
 def test_scatter_is_seen_beside_changes() -> None:
