@@ -1,6 +1,7 @@
 """Recordings of a three-joint arm by pinocchio and formulas written out here: no simulator, nothing of ``effects``.
 
-The motion is analytic, so that a torque that acts late is evaluated late, without interpolation.
+The motion is analytic, so that a torque that acts late is evaluated late, without interpolation. ``examined`` and
+``diagnosed`` keep what was found: all tests that ask about the same arm share one diagnosis.
 """
 
 from __future__ import annotations
@@ -10,15 +11,21 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from arms import Link, urdf
+from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.trajectory import Fourier, Limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.diagnosis.diagnose import SheetComparison, diagnosis_of, examine
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.result import Diagnosis
 
 N = 3
 ARMATURE = np.array([1.0, 1.0, 0.4])
@@ -31,67 +38,32 @@ SKEW = 3e-4
 ENCODER_STEP = 2 * np.pi / 2**19
 RATE = 250.0
 
-_LINK = """
-  <joint name="joint_{number}" type="revolute">
-    <parent link="{parent}"/><child link="link_{number}"/><origin xyz="{origin}"/><axis xyz="{axis}"/>
-    <limit lower="-2.5" upper="2.5" effort="200" velocity="3"/>
-  </joint>
-  <link name="link_{number}"><inertial><mass value="{mass}"/><origin xyz="{com}"/>
-    <inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-URDF = (
-    '<robot name="yaw_pitch_pitch"><link name="base"/>'
-    + _LINK.format(
-        number=1,
-        parent="base",
-        origin="0 0 0.2",
-        axis="0 0 1",
-        mass=6,
-        com="0.02 0.01 0.05",
-        ixx=0.05,
-        iyy=0.05,
-        izz=0.04,
-    )
-    + _LINK.format(
-        number=2,
-        parent="link_1",
-        origin="0 0.05 0.1",
-        axis="0 1 0",
-        mass=5,
-        com="0.2 0.02 0.01",
-        ixx=0.02,
-        iyy=0.1,
-        izz=0.1,
-    )
-    + _LINK.format(
-        number=3,
-        parent="link_2",
-        origin="0.45 0 0",
-        axis="0 1 0",
-        mass=3,
-        com="0.15 0.03 0.02",
-        ixx=0.01,
-        iyy=0.04,
-        izz=0.04,
-    )
-    + "</robot>"
+_LINKS = (
+    ("0 0 1", "0 0 0.2", 6, "0.02 0.01 0.05", "0.05 0.05 0.04"),
+    ("0 1 0", "0 0.05 0.1", 5, "0.2 0.02 0.01", "0.02 0.1 0.1"),
+    ("0 1 0", "0.45 0 0", 3, "0.15 0.03 0.02", "0.01 0.04 0.04"),
 )
+_CHAIN = (
+    Link(f"joint_{j}", f"link_{j}", *link, limit="-2.5 2.5 200 3")
+    for j, link in enumerate(_LINKS, 1)
+)
+URDF = urdf("yaw_pitch_pitch", *_CHAIN)
+
+
+def _written(text: str, name: str, **sheet: np.ndarray) -> NominalArm:
+    """An arm, whose URDF lies in a temporary folder."""
+    path = Path(mkdtemp(prefix="gapscope-tests-")) / "robot.urdf"
+    path.write_text(text)
+    joints = ("joint_1", "joint_2", "joint_3")
+    return NominalArm(
+        name, path, joints, armature=ARMATURE, encoder_step=ENCODER_STEP, **sheet
+    )
 
 
 @cache
 def arm() -> NominalArm:
-    """The nominal arm; its URDF lies in a temporary folder."""
-    urdf = Path(mkdtemp(prefix="gapscope-tests-")) / "robot.urdf"
-    urdf.write_text(URDF)
-    joints = ("joint_1", "joint_2", "joint_3")
-    return NominalArm(
-        "yaw_pitch_pitch",
-        urdf,
-        joints,
-        armature=ARMATURE,
-        coulomb=COULOMB,
-        viscous=VISCOUS,
-        encoder_step=ENCODER_STEP,
-    )
+    """The nominal arm."""
+    return _written(URDF, "yaw_pitch_pitch", coulomb=COULOMB, viscous=VISCOUS)
 
 
 @cache
@@ -106,11 +78,7 @@ def vendor() -> NominalArm:
     ):
         assert text.count(right) == 1
         text = text.replace(right, wrong)
-    urdf = Path(mkdtemp(prefix="gapscope-tests-")) / "robot.urdf"
-    urdf.write_text(text)
-    return NominalArm(
-        "vendor", urdf, arm().joints, armature=ARMATURE, encoder_step=ENCODER_STEP
-    )
+    return _written(text, "vendor")
 
 
 @cache
@@ -341,6 +309,7 @@ def motion(seed: int, frequency: float = 0.2, duration: float = 10.0) -> Fourier
     )
 
 
+@cache
 def recordings(
     truth: Truth, seed: int = 0, *, duration: float = 8.0, rate: float = RATE
 ) -> tuple[Recording, ...]:
@@ -358,6 +327,7 @@ def recordings(
     )
 
 
+@cache
 def case(
     truth: Truth = Truth(),
     seed: int = 0,
@@ -374,3 +344,24 @@ def case(
         else ()
     )
     return Case("synthetic", arm().urdf.parent, arm(), fitted, aside)
+
+
+@cache
+def examined(truth: Truth = Truth(), seed: int = 1, **how: Any) -> SheetComparison:
+    """What is found in a case; the same case is examined once for all tests."""
+    with threadpool_limits(1):
+        return examine(case(truth, seed, **how))
+
+
+@cache
+def diagnosed(truth: Truth = Truth(), seed: int = 1, **how: Any) -> Diagnosis:
+    """The diagnosis of a case, once for all tests; its document keeps to the schema."""
+    found = diagnosis_of(examined(truth, seed, **how))
+    validate(found.document)
+    return found
+
+
+def named(result: Diagnosis) -> list[tuple[str, tuple[int, ...]]]:
+    """Effects that are named, with their joints, in alphabetical order."""
+    entries = result.document["effects"]
+    return sorted((entry["effect"], tuple(entry["joints"])) for entry in entries)

@@ -18,8 +18,71 @@ from gapscope.arm.io.json_file import schema
 from gapscope.arm.robots import load_nominal_arm, shifted_arm, shifted_text
 from gapscope.model_audit.audit import Audit, audit_model, check_static, static_poses
 
-Text = Callable[..., str]
-Write = Callable[[str], Path]
+Audited = Callable[..., Audit]
+
+LENGTHS = (0.15, 0.4, 0.35, 0.2, 0.12, 0.1)
+"""Of the links [m]."""
+WIDTHS = (0.14, 0.12, 0.1, 0.09, 0.08, 0.07)
+DENSITIES = (2000.0, 1500.0, 1800.0, 2200.0, 1700.0, 2500.0)
+
+
+def link(number: int, shapes: bool) -> str:
+    """A link along x or z in turn, homogeneous."""
+    length, width = LENGTHS[number], WIDTHS[number]
+    edges = np.array([width, width, width])
+    along = 0 if number % 2 else 2
+    edges[along] = length
+    mass = DENSITIES[number] * edges.prod()
+    moments = mass / 12 * ((edges**2).sum() - edges**2)
+    centre = np.zeros(3)
+    centre[along] = length / 2
+    origin = f'<origin xyz="{centre[0]:.4f} {centre[1]:.4f} {centre[2]:.4f}"/>'
+    size = " ".join(f"{edge:.4f}" for edge in edges)
+    shape = f'<collision>{origin}<geometry><box size="{size}"/></geometry></collision>'
+    return f"""  <link name="link_{number}">
+    <inertial>
+      {origin}
+      <mass value="{mass:.4f}"/>
+      <inertia ixx="{moments[0]:.6f}" ixy="0" ixz="0" iyy="{moments[1]:.6f}" iyz="0" izz="{moments[2]:.6f}"/>
+    </inertial>
+    {shape if shapes else ""}
+  </link>"""
+
+
+def joint(number: int) -> str:
+    """The joint that moves a link, at the end of the one before."""
+    before = number - 1
+    place = [0.0, 0.0, 0.0]
+    if number:
+        place[0 if before % 2 else 2] = LENGTHS[before]
+    parent = f"link_{before}" if number else "base"
+    xyz = " ".join(f"{x:.4f}" for x in place)
+    return f"""  <joint name="joint_{number + 1}" type="revolute">
+    <parent link="{parent}"/>
+    <child link="link_{number}"/>
+    <origin xyz="{xyz}"/>
+    <axis xyz="0 {number % 2} {1 - number % 2}"/>
+    <limit lower="-2" upper="2" effort="{100 - 10 * number}" velocity="{2 + number}"/>
+    <dynamics damping="{3 - 0.3 * number:.1f}" friction="{5 - 0.5 * number:.1f}"/>
+  </joint>"""
+
+
+def arm_text(shapes: bool = True) -> str:
+    """A plausible arm of boxes as URDF, with shapes or without."""
+    parts = [f"{joint(k)}\n{link(k, shapes)}" for k in range(len(LENGTHS))]
+    head = ['<robot name="boxes">', '  <link name="base"/>']
+    return "\n".join([*head, *parts, "</robot>"])
+
+
+@pytest.fixture
+def audited(tmp_path: Path) -> Audited:
+    """Audits text as a file, a URDF or what its ending says."""
+
+    def audit(text: str, name: str = "arm.urdf") -> Audit:
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        return audit_model(tmp_path / name)
+
+    return audit
 
 
 def found(audit: Audit) -> dict[str, str]:
@@ -51,10 +114,8 @@ def spoilt(text: str, link: str, pattern: str, change: Callable[[float], float])
 
 
 @pytest.mark.parametrize("shapes", [True, False])
-def test_a_plausible_arm_lacks_only_rotors(
-    arm_text: Text, file_of: Write, shapes: bool
-) -> None:
-    audit = audit_model(file_of(arm_text(shapes)))
+def test_a_plausible_arm_lacks_only_rotors(audited: Audited, shapes: bool) -> None:
+    audit = audited(arm_text(shapes))
     assert set(found(audit)) == {"no_drive"}
     assert "rotor" in audit.findings[0].found and not audit.refused
 
@@ -63,11 +124,11 @@ def test_a_plausible_arm_lacks_only_rotors(
     ("shapes", "kind"), [(True, "moments_too_large"), (False, "moments_for_mass")]
 )
 def test_an_inertia_ten_times_too_large_is_found_with_its_line(
-    arm_text: Text, file_of: Write, shapes: bool, kind: str
+    audited: Audited, shapes: bool, kind: str
 ) -> None:
     text = arm_text(shapes)
     bad = spoilt(text, "link_2", "ixx|iyy|izz", lambda x: 30 * x)
-    worst = audit_model(file_of(bad)).findings[0]
+    worst = audited(bad).findings[0]
     assert (worst.kind, worst.place) == (kind, "link link_2")
     assert worst.line == line_of(text, "link_2", "inertial")
 
@@ -76,10 +137,10 @@ def test_an_inertia_ten_times_too_large_is_found_with_its_line(
 @pytest.mark.parametrize("moved_only", [True, False])
 @pytest.mark.parametrize("shapes", [True, False])
 def test_shifted_inertials_are_found_and_the_way_back(
-    arm_text: Text, file_of: Write, by: int, moved_only: bool, shapes: bool
+    audited: Audited, by: int, moved_only: bool, shapes: bool
 ) -> None:
     text = shifted_text(arm_text(shapes), by, moved_only)
-    audit = audit_model(file_of(text))
+    audit = audited(text)
     shift = next(one for one in audit.findings if one.kind == "shifted_inertials")
     assert ("next" if by > 0 else "previous") in shift.remedy
     assert ("less certain" in shift.found) is not shapes
@@ -98,19 +159,18 @@ def test_shifted_inertials_are_found_and_the_way_back(
     ],
 )
 def test_one_fault_of_an_inertial_is_named_at_its_link(
-    arm_text: Text,
-    file_of: Write,
+    audited: Audited,
     pattern: str,
     change: Callable[[float], float],
     kind: str,
 ) -> None:
     text = spoilt(arm_text(), "link_1", pattern, change)
-    assert found(audit_model(file_of(text)))[kind] == "link link_1"
+    assert found(audited(text))[kind] == "link link_1"
 
 
-def test_a_slipped_digit_is_guessed(arm_text: Text, file_of: Write) -> None:
+def test_a_slipped_digit_is_guessed(audited: Audited) -> None:
     text = spoilt(arm_text(), "link_1", "izz", lambda x: 10 * x)
-    audit = audit_model(file_of(text))
+    audit = audited(text)
     triangle = next(one for one in audit.findings if one.kind == "triangle_inequality")
     right = re.search(r'izz="([\d.]+)"', arm_text().split('<link name="link_1"')[1])
     assert right is not None
@@ -130,24 +190,22 @@ def test_a_slipped_digit_is_guessed(arm_text: Text, file_of: Write) -> None:
     ],
 )  # fmt: skip
 def test_one_fault_of_the_file_is_named_at_its_place(
-    arm_text: Text, file_of: Write, old: str, new: str, kind: str, place: str
+    audited: Audited, old: str, new: str, kind: str, place: str
 ) -> None:
     text = arm_text()
     assert old in text
-    audit = audit_model(file_of(text.replace(old, new, 1)))
+    audit = audited(text.replace(old, new, 1))
     assert found(audit)[kind] == place
 
 
-def test_the_same_values_everywhere_are_placeholders(
-    arm_text: Text, file_of: Write
-) -> None:
+def test_the_same_values_everywhere_are_placeholders(audited: Audited) -> None:
     text = re.sub(r'(ixx|iyy|izz)="[^"]*"', r'\1="0.01"', arm_text())
     text = re.sub(r'damping="[^"]*"', 'damping="0.5"', text)
-    kinds = found(audit_model(file_of(text)))
+    kinds = found(audited(text))
     assert {"placeholder", "same_damping"} <= set(kinds)
 
 
-def test_a_link_that_is_no_mirror_image_is_named(file_of: Write) -> None:
+def test_a_link_that_is_no_mirror_image_is_named(audited: Audited) -> None:
     def arm(side: str, y: float, product: float) -> str:
         return f"""<link name="{side}_arm"><inertial><origin xyz="0.1 {y} 0.2"/><mass value="2"/>
           <inertia ixx="0.02" ixy="{product}" ixz="0" iyy="0.03" iyz="0" izz="0.025"/></inertial></link>
@@ -157,13 +215,13 @@ def test_a_link_that_is_no_mirror_image_is_named(file_of: Write) -> None:
     head, tail = '<robot name="two"><link name="base"/>', "</robot>"
     right = head + arm("left", 0.1, 0.004) + arm("right", -0.1, -0.004) + tail
     wrong = head + arm("left", 0.1, 0.004) + arm("right", -0.1, 0.004) + tail
-    assert "mirror_image" not in found(audit_model(file_of(right)))
-    assert found(audit_model(file_of(wrong)))["mirror_image"] == "link right_arm"
+    assert "mirror_image" not in found(audited(right))
+    assert found(audited(wrong))["mirror_image"] == "link right_arm"
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_products_of_inertia_of_the_opposite_sign_are_found(
-    file_of: Write, sign: int
+    audited: Audited, sign: int
 ) -> None:
     """Boxes that lie askew: turned by 0.5 rad about z, with ixy of the CAD program's sign."""
     sides, mass, turn = np.array([0.4, 0.1, 0.1]), 4.0, 0.5
@@ -182,33 +240,32 @@ def test_products_of_inertia_of_the_opposite_sign_are_found(
         </joint>"""
 
     parts = "".join(askew(number) for number in range(3))
-    audit = audit_model(file_of(f'<robot name="x"><link name="base"/>{parts}</robot>'))
+    audit = audited(f'<robot name="x"><link name="base"/>{parts}</robot>')
     assert ("products_of_inertia" in found(audit)) == (sign < 0)
 
 
-def test_a_model_that_cannot_be_built_is_audited_all_the_same(
-    arm_text: Text, file_of: Write
-) -> None:
+def test_a_model_that_cannot_be_built_is_audited_all_the_same(audited: Audited) -> None:
     text = spoilt(arm_text(), "link_1", "value", lambda x: -x)
-    audit = audit_model(file_of(text))
+    audit = audited(text)
     assert "mass" in found(audit) and "expected zero or above" in audit.refused
     assert audit.findings[0].kind == "refused"
 
 
-def test_a_file_that_is_cut_short_is_refused_with_its_line(
-    arm_text: Text, file_of: Write
-) -> None:
+def test_a_file_that_is_cut_short_is_refused_with_its_line(audited: Audited) -> None:
     text = arm_text()
     lines = text.splitlines()[:-1]
     with pytest.raises(InputError, match=f"line {len(lines)}"):
-        audit_model(file_of("\n".join(lines)))
+        audited("\n".join(lines))
 
 
 def test_the_document_follows_its_schema_and_the_page_names_the_worst(
-    arm_text: Text, file_of: Write, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
-    text = spoilt(arm_text(), "link_2", "ixx|iyy|izz", lambda x: 30 * x)
-    result = gapscope.audit(file_of(text))
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        spoilt(arm_text(), "link_2", "ixx|iyy|izz", lambda x: 30 * x), encoding="utf-8"
+    )
+    result = gapscope.audit(path)
     page, document = result.save(tmp_path / "out")
     content = json.loads(document.read_text(encoding="utf-8"))
     Draft202012Validator(schema("audit")).validate(content)
@@ -224,22 +281,25 @@ def test_masses_of_the_next_link_are_found_in_the_kinova_file(data_root: Path) -
     assert "previous" in shift.remedy
 
 
-def test_mjcf_is_read_with_its_defaults_and_degrees(tmp_path: Path) -> None:
-    path = tmp_path / "arm.xml"
-    path.write_text("""<mujoco model="two">
-  <default><joint damping="0.5" armature="0.1"/><geom type="capsule"/></default>
-  <worldbody>
-    <body name="upper"><joint name="a" axis="0 0 1" range="-90 90"/>
-      <inertial pos="0 0 0.1" mass="1" diaginertia="0.004 0.004 0.001"/>
-      <geom fromto="0 0 0 0 0 0.2" size="0.04"/>
-      <body name="lower" pos="0 0 0.2"><joint name="b" axis="0 1 0" range="-45 45"/>
-        <inertial pos="0 0 0.1" mass="1" diaginertia="0.4 0.4 0.1"/>
-        <geom fromto="0 0 0 0 0 0.2" size="0.04"/>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>""")
-    audit = audit_model(path)
+def mjcf(name: str, bodies: str, defaults: str = "") -> str:
+    world = f"<worldbody>{bodies}</worldbody>"
+    return f'<mujoco model="{name}">{defaults}{world}</mujoco>'
+
+
+TWO = """
+<body name="upper"><joint name="a" axis="0 0 1" range="-90 90"/>
+  <inertial pos="0 0 0.1" mass="1" diaginertia="0.004 0.004 0.001"/>
+  <geom fromto="0 0 0 0 0 0.2" size="0.04"/>
+  <body name="lower" pos="0 0 0.2"><joint name="b" axis="0 1 0" range="-45 45"/>
+    <inertial pos="0 0 0.1" mass="1" diaginertia="0.4 0.4 0.1"/>
+    <geom fromto="0 0 0 0 0 0.2" size="0.04"/></body></body>"""
+DEFAULTS = (
+    '<default><joint damping="0.5" armature="0.1"/><geom type="capsule"/></default>'
+)
+
+
+def test_mjcf_is_read_with_its_defaults_and_degrees(audited: Audited) -> None:
+    audit = audited(mjcf("two", TWO, DEFAULTS), "arm.xml")
     assert found(audit) == {"moments_too_large": "link lower", "no_drive": ""}
     upper = audit.description.moving[0]
     assert upper.upper == pytest.approx(1.5707963)
@@ -255,15 +315,13 @@ def test_mjcf_is_read_with_its_defaults_and_degrees(tmp_path: Path) -> None:
     ],
 )
 def test_numbers_that_overflow_are_told_and_the_audit_goes_on(
-    quat: str, mass: str, kind: str, tmp_path: Path
+    quat: str, mass: str, kind: str, audited: Audited
 ) -> None:
-    path = tmp_path / "arm.xml"
-    path.write_text(f"""<mujoco model="one"><worldbody>
-  <body name="upper" quat="{quat}"><joint name="a" axis="0 0 1" range="-90 90"/>
-    <inertial pos="0 0 0.1" mass="{mass}" diaginertia="0.004 0.004 0.001"/>
-    <geom type="box" size="0.1 0.1 0.1"/></body>
-</worldbody></mujoco>""")
-    assert kind in {one.kind for one in audit_model(path).findings}
+    body = f"""<body name="upper" quat="{quat}"><joint name="a" axis="0 0 1" range="-90 90"/>
+      <inertial pos="0 0 0.1" mass="{mass}" diaginertia="0.004 0.004 0.001"/>
+      <geom type="box" size="0.1 0.1 0.1"/></body>"""
+    audit = audited(mjcf("one", body), "arm.xml")
+    assert kind in {one.kind for one in audit.findings}
 
 
 # Gravity torque of a model against torque at rest.
@@ -283,11 +341,17 @@ def recorded(folder: Path, q: np.ndarray, tau: np.ndarray) -> Path:
     """A file in which each pose is held for a moment, with noise on the torque."""
     rng = np.random.default_rng(1)
     positions, torques = (np.repeat(x, HELD, axis=0) for x in (q, tau))
-    torques = torques + 0.05 * rng.standard_normal(torques.shape)
-    t = np.arange(len(positions)) / RATE
+    return logged(
+        folder, positions, torques + 0.05 * rng.standard_normal(torques.shape)
+    )
+
+
+def logged(folder: Path, q: np.ndarray, tau: np.ndarray) -> Path:
     heads = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 8))]
-    path = folder / "static.csv"
-    table = np.column_stack([t, positions, torques])
+    table, path = (
+        np.column_stack([np.arange(len(q)) / RATE, q, tau]),
+        folder / "log.csv",
+    )
     np.savetxt(path, table, delimiter=",", header=",".join(heads), comments="")
     return path
 
@@ -361,10 +425,5 @@ def test_the_robot_of_a_case_is_compared_with_the_recordings_of_another(
 
 def test_a_moving_recording_is_refused(tmp_path: Path) -> None:
     q = np.repeat(np.linspace(0, 3, 20 * HELD)[:, None], 7, axis=1)
-    t = np.arange(len(q)) / RATE
-    heads = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 8))]
-    path = tmp_path / "moving.csv"
-    table = np.column_stack([t, q, np.sin(q)])
-    np.savetxt(path, table, delimiter=",", header=",".join(heads), comments="")
     with pytest.raises(InputError, match="rests in 0 poses"):
-        static_poses("kuka_iiwa", path)
+        static_poses("kuka_iiwa", logged(tmp_path, q, np.sin(q)))

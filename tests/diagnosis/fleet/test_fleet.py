@@ -11,12 +11,12 @@ from typing import Any
 import documents
 import numpy as np
 import pytest
-from hypothesis import given
+from cases import case_of
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 from synthetic import Truth, arm, recordings
 
-from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import write_json
 from gapscope.arm.io.write_case import write_case
@@ -52,26 +52,22 @@ from gapscope.many.pages import render_summary
 from gapscope.many.rows import Row
 from gapscope.many.units import findings, heading, told_apart
 
+Found = tuple[str, list[int], dict[str, tuple[Any, Any]]]
 
-def unit(*effects: tuple[str, list[int], dict[str, tuple[Any, Any]]]) -> dict[str, Any]:
+
+def unit(*effects: Found) -> dict[str, Any]:
     """A diagnosis with effects, each a name, joints, and value and deviation of its parameters."""
     document = documents.no_gap()
     document["verdict"] = "effects_found" if effects else "no_gap"
-    template = documents.two_effects()["effects"][0]
-    document["effects"] = [
-        copy.deepcopy(template)
-        | {
-            "effect": name,
-            "joints": joints,
-            "share": 0.5,
-            "alternatives": [],
-            "parameters": {
-                key: {"unit": "N m", "value": v, "std": s}
-                for key, (v, s) in parameters.items()
-            },
+    document["effects"] = []
+    for name, joints, parameters in effects:
+        entry = documents.two_effects()["effects"][0]
+        entry |= {"effect": name, "joints": joints, "share": 0.5, "alternatives": []}
+        entry["parameters"] = {
+            key: {"unit": "N m", "value": value, "std": std}
+            for key, (value, std) in parameters.items()
         }
-        for name, joints, parameters in effects
-    ]
+        document["effects"].append(entry)
     return document
 
 
@@ -81,328 +77,259 @@ def coulomb(
     return unit(("coulomb_friction", joints, {"torque": (values, stds)}))
 
 
-def kinds(**units: dict[str, Any]) -> dict[tuple[str, int | None], str]:
-    return {(r["effect"], r["joint"]): r["kind"] for r in compare(units)}
+def kinds(*units: dict[str, Any]) -> dict[tuple[str, int | None], str]:
+    found = compare({f"u{k}": one for k, one in enumerate(units)})
+    return {(r["effect"], r["joint"]): r["kind"] for r in found}
 
 
-class TestPooled:
-    def test_golden_values_by_hand(self) -> None:
-        """Q = 2 (1/2)^2 / 0.1^2 = 50; tau^2 = (Q - 1) / (sum w - sum w^2 / sum w) = 49 / 100."""
-        found = pooled([1.0, 2.0], [0.1, 0.1], form=0.0)
-        assert found.q == pytest.approx(50.0) and found.i_squared == pytest.approx(0.98)
-        assert found.between == pytest.approx(0.7) and found.estimate == pytest.approx(
-            1.5
-        )
-        assert found.std == pytest.approx(np.sqrt((0.01 + 0.49) / 2))
-
-    def test_false_alarms_come_at_the_level(self) -> None:
-        """Of values that differ by their deviations alone, one in a hundred has a p below 0.01."""
-        rng = np.random.default_rng(4)
-        stds = [0.2, 0.5, 0.3, 0.4]
-        p = [
-            pooled(list(3.0 + rng.normal(0.0, stds)), stds, form=0.0).p
-            for _ in range(4000)
-        ]
-        assert 0.005 < np.mean(np.array(p) < 0.01) < 0.017
-
-    def test_form_of_the_effects_is_no_difference(self) -> None:
-        assert pooled([3.0, 3.1], [1e-4, 1e-4]).p > 0.05
-        assert pooled([3.0, 3.1], [1e-4, 1e-4], form=0.0).p < 1e-6
+# Values of one effect on several units, pooled.
 
 
-class TestCompare:
-    @given(
-        values=st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=2),
-        stds=st.lists(
-            st.one_of(
-                st.none(), st.lists(st.floats(0.0, 10.0), min_size=2, max_size=2)
-            ),
-            min_size=2,
-            max_size=5,
-        ),
+def test_pooled_values_by_hand() -> None:
+    """Q = 2 (1/2)^2 / 0.1^2 = 50; tau^2 = (Q - 1) / (sum w - sum w^2 / sum w) = 49 / 100."""
+    found = pooled([1.0, 2.0], [0.1, 0.1], form=0.0)
+    assert (found.q, found.i_squared) == pytest.approx((50.0, 0.98))
+    assert (found.between, found.estimate) == pytest.approx((0.7, 1.5))
+    assert found.std == pytest.approx(np.sqrt((0.01 + 0.49) / 2))
+    # what the form of an effect may be off by is no difference
+    assert pooled([3.0, 3.1], [1e-4, 1e-4]).p > 0.05
+    assert pooled([3.0, 3.1], [1e-4, 1e-4], form=0.0).p < 1e-6
+
+
+def test_false_alarms_come_at_the_level() -> None:
+    """Of values that differ by their deviations alone, one in a hundred has a p below 0.01."""
+    rng, stds = np.random.default_rng(4), [0.2, 0.5, 0.3, 0.4]
+    draws = (list(3.0 + rng.normal(0.0, stds)) for _ in range(4000))
+    p = np.array([pooled(values, stds, form=0.0).p for values in draws])
+    assert 0.005 < (p < 0.01).mean() < 0.017
+
+
+# What units share.
+
+
+DEVIATIONS = st.lists(st.floats(0.0, 10.0), min_size=2, max_size=2)
+
+
+@settings(deadline=None)
+@given(
+    values=st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=2),
+    stds=st.lists(st.none() | DEVIATIONS, min_size=2, max_size=5),
+)
+def test_identical_values_on_all_units_are_shared(
+    values: list[float], stds: list[list[float] | None]
+) -> None:
+    found = kinds(*(coulomb(values, std, [2, 5]) for std in stds))
+    assert found == dict.fromkeys([(FRICTION, 2), (FRICTION, 5)], SHARED)
+
+
+FRICTION, RIPPLE = "coulomb_friction", "torque_ripple"
+PAYLOAD = ("payload", [], {"mass": (1.0, 0.1), "com": ([0.0, 0.0, 0.1], [0.01] * 3)})
+
+
+def rubbing(*torque: float) -> Found:
+    return (FRICTION, [1, 2], {"torque": (list(torque), [0.1, 0.1])})
+
+
+def test_each_kind() -> None:
+    play = ("backlash", [3], {"width": ([0.01], [0.001])})
+    units = (
+        unit(rubbing(1.0, 2.0), play, PAYLOAD),
+        unit(rubbing(1.1, 4.0), PAYLOAD),
+        unit(rubbing(0.9, 2.0)),
     )
-    def test_identical_values_on_all_units_are_shared(
-        self, values: list[float], stds: list[list[float] | None]
-    ) -> None:
-        units = {f"u{i}": coulomb(values, s, [2, 5]) for i, s in enumerate(stds)}
-        assert kinds(**units) == {
-            ("coulomb_friction", 2): SHARED,
-            ("coulomb_friction", 5): SHARED,
-        }
+    expected = {(FRICTION, 1): SHARED, (FRICTION, 2): DIFFERING}
+    expected |= {("payload", None): SOME, ("backlash", 3): ONE}
+    assert kinds(*units) == expected
 
-    def test_each_kind(self) -> None:
-        a = unit(
-            ("coulomb_friction", [1, 2], {"torque": ([1.0, 2.0], [0.1, 0.1])}),
-            ("backlash", [3], {"width": ([0.01], [0.001])}),
-            (
-                "payload",
-                [],
-                {"mass": (1.0, 0.1), "com": ([0.0, 0.0, 0.1], [0.01, 0.01, 0.01])},
-            ),
-        )
-        b = unit(
-            ("coulomb_friction", [1, 2], {"torque": ([1.1, 4.0], [0.1, 0.1])}),
-            (
-                "payload",
-                [],
-                {"mass": (1.0, 0.1), "com": ([0.0, 0.0, 0.1], [0.01, 0.01, 0.01])},
-            ),
-        )
-        c = coulomb([0.9, 2.0], [0.1, 0.1], [1, 2])
-        assert kinds(a=a, b=b, c=c) == {
-            ("coulomb_friction", 1): SHARED,
-            ("coulomb_friction", 2): DIFFERING,
-            ("payload", None): SOME,
-            ("backlash", 3): ONE,
-        }
 
-    def test_links_are_kept_apart(self) -> None:
-        a, b = (
-            unit(("link_inertia", [], {"link": (link, None), "mass": (0.5, 0.1)}))
-            for link in (2, 3)
+def test_links_are_kept_apart_and_phases_repeat_after_a_turn() -> None:
+    links = {
+        str(link): unit(
+            ("link_inertia", [], {"link": (link, None), "mass": (0.5, 0.1)})
         )
-        assert [(row["link"], row["kind"]) for row in compare({"a": a, "b": b})] == [
-            (2, ONE),
-            (3, ONE),
-        ]
+        for link in (2, 3)
+    }
+    assert [(row["link"], row["kind"]) for row in compare(links)] == [
+        (2, ONE),
+        (3, ONE),
+    ]
+    phases = (0.02, 2 * np.pi - 0.02)
+    turned = (unit((RIPPLE, [1], {"phase": ([phase], [0.05])})) for phase in phases)
+    assert kinds(*turned) == {(RIPPLE, 1): SHARED}
 
-    def test_phases_repeat_after_a_turn(self) -> None:
-        a, b = (
-            unit(("torque_ripple", [1], {"phase": ([phase], [0.05])}))
-            for phase in (0.02, 2 * np.pi - 0.02)
-        )
-        assert kinds(a=a, b=b) == {("torque_ripple", 1): SHARED}
 
-    def test_the_same_under_another_name_is_told(self) -> None:
-        a, b = (
-            unit(("actuator_lag", [4], {"time_constant": ([0.01], [0.001])})),
-            documents.two_effects(),
-        )
-        rows = {row["effect"]: row for row in compare({"a": a, "b": b})}
-        lag = rows["actuator_lag"]
-        assert lag["kind"] == ONE and lag["instead"] == {"b": "actuator_delay"}
+def test_the_same_under_another_name_is_told() -> None:
+    lagging = unit(("actuator_lag", [4], {"time_constant": ([0.01], [0.001])}))
+    found = compare({"a": lagging, "b": documents.two_effects()})
+    (lag,) = (row for row in found if row["effect"] == "actuator_lag")
+    assert lag["kind"] == ONE and lag["instead"] == {"b": "actuator_delay"}
 
-    def test_only_arms_of_one_type_are_compared(self) -> None:
-        other, bare = documents.no_gap(), documents.no_gap()
-        other["arm"]["robot"] = "another"
-        del bare["arm"]
-        found = groups(
-            {
-                "a": documents.no_gap(),
-                "b": documents.two_effects(),
-                "c": other,
-                "d": bare,
-            }
-        )
-        assert [list(members) for members in found.values()] == [["a", "b"], ["c"]]
+
+def test_only_arms_of_one_type_are_compared() -> None:
+    other, bare = documents.no_gap(), documents.no_gap()
+    other["arm"]["robot"] = "another"
+    del bare["arm"]
+    units = {"a": documents.no_gap(), "b": documents.two_effects()}
+    found = groups(units | {"c": other, "d": bare})
+    assert [list(members) for members in found.values()] == [["a", "b"], ["c"]]
+
+
+# Which unit a case is of.
 
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> list[FleetUnit]:
     """Three units: with friction, like it but for its noise, and with a load; each corrected by the truth."""
-    folder = tmp_path_factory.mktemp("fleet")
-    friction = AppliedEffect("coulomb_friction", (2,), {"torque": np.array([3.0])})
-    load = AppliedEffect(
-        "payload", (), {"mass": np.array(1.2), "com": np.array([0.1, 0.02, 0.05])}
-    )
+    folder, com = tmp_path_factory.mktemp("fleet"), (0.1, 0.02, 0.05)
+    friction = AppliedEffect(FRICTION, (2,), {"torque": [3.0]})
+    load = AppliedEffect("payload", (), {"mass": 1.2, "com": com})
     rough = Truth(coulomb=(0.0, 3.0, 0.0))
-    truths = [("rough", rough, friction), ("twin", rough, friction)]
-    truths.append(("loaded", Truth(mass=1.2, com=(0.1, 0.02, 0.05)), load))
+    truths = {"rough": (rough, friction), "twin": (rough, friction)}
+    truths["loaded"] = (Truth(mass=1.2, com=com), load)
     units = []
-    for seed, (name, truth, effect) in enumerate(truths):
-        case = Case(
-            name, arm().urdf.parent, arm(), recordings(truth, seed, duration=4.0)
-        )
-        write_case(case, folder / name)
+    for seed, (name, (truth, effect)) in enumerate(truths.items()):
+        made = case_of(name, arm(), *recordings(truth, seed, duration=4.0))
+        write_case(made, folder / name)
         write_corrected(name, (effect,), folder / f"{name}.yaml")
         units.append(FleetUnit(name, folder / name, folder / f"{name}.yaml"))
     return units
 
 
-class TestConfusion:
-    def test_each_unit_is_known_but_for_its_twin(self, fleet: list[FleetUnit]) -> None:
-        columns = {u.name: confusion_column(u, fleet) for u in fleet}
-        assert not any(made.problem for made in columns.values())
-        assert (
-            columns["loaded"].best == "loaded" and columns["loaded"].confused_with == ()
-        )
-        assert columns["rough"].confused_with == ("twin",) and columns[
-            "twin"
-        ].confused_with == ("rough",)
-        for name, made in columns.items():
-            own, nominal = made.mean(name), made.mean(NOMINAL)
-            assert own is not None and nominal is not None and own < 0.5 * nominal
-
-    def test_a_case_that_cannot_be_read_is_a_column_without_values(
-        self, fleet: list[FleetUnit], tmp_path: Path
-    ) -> None:
-        made = confusion_column(
-            FleetUnit("gone", tmp_path / "gone", fleet[0].corrected), fleet
-        )
-        assert (
-            "no such file" in made.problem
-            and made.best is None
-            and made.confused_with == ()
-        )
-
-    def test_not_best_served_by_its_own_arm(self) -> None:
-        rows = {
-            "nominal": np.array([0.5, 0.5]),
-            "a": np.array([0.2, 0.2]),
-            "b": np.array([0.3, 0.05]),
-        }
-        assert ConfusionColumn("a", rows).best == "b" and ConfusionColumn(
-            "a", rows
-        ).confused_with == ("b",)
-        assert (
-            ConfusionColumn("b", rows).best == "b"
-            and ConfusionColumn("b", rows).confused_with == ()
-        )
+def test_each_unit_is_known_but_for_its_twin(
+    fleet: list[FleetUnit], tmp_path: Path
+) -> None:
+    columns = {u.name: confusion_column(u, fleet) for u in fleet}
+    assert not any(made.problem for made in columns.values())
+    assert columns["loaded"].best == "loaded"
+    confused = {name: made.confused_with for name, made in columns.items()}
+    assert confused == {"loaded": (), "rough": ("twin",), "twin": ("rough",)}
+    for name, made in columns.items():
+        own, nominal = made.mean(name), made.mean(NOMINAL)
+        assert own is not None and nominal is not None and own < 0.5 * nominal
+    # a case that cannot be read is a column without values
+    gone = FleetUnit("gone", tmp_path / "gone", fleet[0].corrected)
+    made = confusion_column(gone, fleet)
+    assert "no such file" in made.problem
+    assert (made.best, made.confused_with) == (None, ())
 
 
-class TestDocument:
-    def made(self, tmp_path: Path) -> dict[str, Any]:
-        """Two units compared, without recordings; a third whose set-up is at fault."""
-        found = {
-            "a": coulomb([1.0, 2.0], None, [2, 5]),
-            "b": coulomb([1.0, 3.0], None, [2, 5]),
-        }
-        found["c"] = unit(("sign_flip", [2], {}))
-        units = [
-            FleetUnit(name, tmp_path / name, tmp_path / f"{name}.yaml")
-            for name in found
-        ]
-        made, alone = grouped(found, units)
-        (group,) = made
-        assert (
-            group.left_out == {"c": "its set-up is at fault: sign flip"} and alone == ()
-        )
-        assert [u.name for u in group.units] == ["a", "b"]
-        rows = {
-            "nominal": np.array([0.5, 0.4]),
-            "a": np.array([0.1, 0.1]),
-            "b": np.array([0.1, 0.1]),
-        }
-        return units_document(
-            [
-                (
-                    group,
-                    [
-                        ConfusionColumn("a", rows),
-                        ConfusionColumn("b", {}, "cannot be read"),
-                    ],
-                )
-            ],
-            ["d"],
-        )
-
-    def test_is_whole_and_plain_json(self, tmp_path: Path) -> None:
-        content = self.made(tmp_path)
-        write_json(content, tmp_path / "units.json")
-        assert (
-            json.loads((tmp_path / "units.json").read_text(encoding="utf-8")) == content
-        )
-        (group,) = content["groups"]
-        confusion = group["confusion"]
-        assert (confusion["rows"], confusion["columns"]) == (
-            ["nominal", "a", "b"],
-            ["a"],
-        )
-        assert confusion["torque_nrmse"] == [[0.45], [0.1], [0.1]]
-        assert confusion["best"] == {"a": "a"} and confusion["confused_with"] == {
-            "a": ["b"]
-        }
-        assert set(confusion["left_out"]) == {"b", "c"} and content["alone"] == ["d"]
-
-    def test_in_words(self, tmp_path: Path) -> None:
-        (group,) = self.made(tmp_path)["groups"]
-        places = {(f["name"], f["place"], f["label"]) for f in findings(group)}
-        assert ("Coulomb friction", "joint 2", "on 2 of 3 units, alike") in places
-        assert (
-            "Coulomb friction",
-            "joint 5",
-            "on 2 of 3 units, sizes differ",
-        ) in places
-        assert ("Sign flip", "joint 2", "only on c") in places
-        assert heading(group) == (
-            "Effects found: none is shared by all units; 2 on some units and 1 on one unit alone."
-        )
-        assert told_apart(group["confusion"]) == [
-            "a cannot be told from b: its corrected arm predicts a as well as its own does "
-            "(or worse by less than 0.01 NRMSE on every joint)."
-        ]
-
-    def test_in_the_summary_with_names_escaped(self, tmp_path: Path) -> None:
-        evil = "<script>alert(1)</script>"
-        found = {evil: documents.two_effects(), "b": documents.two_effects()}
-        for document in found.values():
-            document["arm"]["robot"] = evil
-        made, alone = grouped(
-            found, [FleetUnit(name, tmp_path, tmp_path) for name in found]
-        )
-        rows = {"nominal": np.array([0.5]), evil: np.array([0.1]), "b": np.array([0.3])}
-        columns = [
-            ConfusionColumn(evil, rows),
-            ConfusionColumn("b", rows | {"b": np.array([0.05])}),
-        ]
-        content = units_document([(made[0], columns)], alone)
-        render_summary(
-            [Row(n, n, d) for n, d in found.items()],
-            tmp_path / "s.html",
-            content,
-        )
-        html = (tmp_path / "s.html").read_text(encoding="utf-8")
-        assert evil not in html and "<script" not in html
-        for expected in (
-            "on all 2 units, alike",
-            "+1.051 ± 0.013",
-            "Which unit is this?",
-            "can be told apart",
-            "0.050",
-        ):
-            assert expected in html, expected
+@pytest.mark.parametrize(("name", "confused"), [("a", ("b",)), ("b", ())])
+def test_not_best_served_by_its_own_arm(name: str, confused: tuple[str, ...]) -> None:
+    rows = {"nominal": [0.5, 0.5], "a": [0.2, 0.2], "b": [0.3, 0.05]}
+    column = ConfusionColumn(name, {key: np.array(x) for key, x in rows.items()})
+    assert (column.best, column.confused_with) == ("b", confused)
 
 
-class TestFrictionOfAType:
-    """Most units tell the law of a joint on which all have friction; the others are asked again without their own."""
+# The document of the units, in words and in the summary.
 
-    PLAIN = ("coulomb_friction", [2], {"torque": ([2.0], [0.1])})
-    CURVED = ("saturating_friction", [2], {"torque": ([2.0], [0.1])})
 
-    def test_the_odd_one_is_asked_again(self) -> None:
-        units = {"a": unit(self.PLAIN), "b": unit(self.CURVED), "c": unit(self.PLAIN)}
-        assert other_laws(units) == {"b": ("saturating_friction",)}
+@pytest.fixture
+def content(tmp_path: Path) -> dict[str, Any]:
+    """Two units compared, without recordings; a third whose set-up is at fault."""
+    found = {
+        name: coulomb([1.0, x], None, [2, 5]) for name, x in (("a", 2.0), ("b", 3.0))
+    }
+    found["c"] = unit(("sign_flip", [2], {}))
+    units = [FleetUnit(n, tmp_path / n, tmp_path / f"{n}.yaml") for n in found]
+    (group,), alone = grouped(found, units)
+    assert group.left_out == {"c": "its set-up is at fault: sign flip"} and alone == ()
+    assert [u.name for u in group.units] == ["a", "b"]
+    same = np.array([0.1, 0.1])
+    rows = {"nominal": np.array([0.5, 0.4]), "a": same, "b": same}
+    unread = ConfusionColumn("b", {}, "cannot be read")
+    return units_document([(group, [ConfusionColumn("a", rows), unread])], ["d"])
 
-    def test_a_law_that_the_type_has_on_another_joint_stays(self) -> None:
-        elsewhere = ("saturating_friction", [3], {"torque": ([1.0], [0.1])})
-        units = {
-            "a": unit(self.PLAIN, elsewhere),
-            "b": unit(self.CURVED, elsewhere),
-            "c": unit(self.PLAIN, elsewhere),
-        }
-        assert other_laws(units) == {}
 
-    @pytest.mark.parametrize(
-        "units",
-        [
-            {"a": unit(PLAIN), "b": unit(CURVED)},
-            {"a": unit(PLAIN), "b": unit(CURVED), "c": unit()},
-            {"a": unit(PLAIN), "b": unit(PLAIN), "c": unit(PLAIN)},
-            {f"{k}": unit(law) for k, law in enumerate([PLAIN, PLAIN, CURVED, CURVED])},
-        ],
-        ids=["two", "one without friction", "alike", "as many of each"],
+def test_the_document_is_whole_and_plain_json(
+    content: dict[str, Any], tmp_path: Path
+) -> None:
+    write_json(content, tmp_path / "units.json")
+    read = (tmp_path / "units.json").read_text(encoding="utf-8")
+    assert json.loads(read) == content and content["alone"] == ["d"]
+    confusion = content["groups"][0]["confusion"]
+    assert set(confusion.pop("left_out")) == {"b", "c"}
+    expected = {
+        "rows": ["nominal", "a", "b"],
+        "columns": ["a"],
+        "torque_nrmse": [[0.45], [0.1], [0.1]],
+        "best": {"a": "a"},
+        "confused_with": {"a": ["b"]},
+    }
+    assert {key: confusion[key] for key in expected} == expected
+
+
+def test_units_in_words(content: dict[str, Any]) -> None:
+    (group,) = content["groups"]
+    places = {(f["name"], f["place"], f["label"]) for f in findings(group)}
+    assert places >= {
+        ("Coulomb friction", "joint 2", "on 2 of 3 units, alike"),
+        ("Coulomb friction", "joint 5", "on 2 of 3 units, sizes differ"),
+        ("Sign flip", "joint 2", "only on c"),
+    }
+    assert heading(group) == (
+        "Effects found: none is shared by all units; 2 on some units and 1 on one unit alone."
     )
-    def test_nobody_is_asked(self, units: dict[str, Any]) -> None:
-        assert other_laws(units) == {}
+    assert told_apart(group["confusion"]) == [
+        "a cannot be told from b: its corrected arm predicts a as well as its own does "
+        "(or worse by less than 0.01 NRMSE on every joint)."
+    ]
 
-    def test_it_explains_as_much_up_to_what_an_effect_closes(self) -> None:
-        before, asked = unit(self.CURVED), unit(self.PLAIN)
-        left = np.array(before["gap"]["after"]["torque_nrmse"])
-        for more, as_much in ((0.009, True), (0.011, False)):
-            asked["gap"]["after"]["torque_nrmse"] = (left + more).tolist()
-            assert explains_as_much(asked, before) is as_much
-        before["verdict"] = "no_gap"
-        assert not explains_as_much(before, unit(self.PLAIN))
+
+def test_units_in_the_summary_with_names_escaped(tmp_path: Path) -> None:
+    evil = "<script>alert(1)</script>"
+    found = {name: documents.two_effects() for name in (evil, "b")}
+    for document in found.values():
+        document["arm"]["robot"] = evil
+    units = [FleetUnit(name, tmp_path, tmp_path) for name in found]
+    (group, *_), alone = grouped(found, units)
+    sizes = {"nominal": 0.5, evil: 0.1, "b": 0.3}
+    rows = {key: np.array([x]) for key, x in sizes.items()}
+    columns = [ConfusionColumn(evil, rows)]
+    columns.append(ConfusionColumn("b", rows | {"b": np.array([0.05])}))
+    page = tmp_path / "s.html"
+    cases = [Row(name, name, document) for name, document in found.items()]
+    render_summary(cases, page, units_document([(group, columns)], alone))
+    html = page.read_text(encoding="utf-8")
+    assert evil not in html and "<script" not in html
+    expected = ("on all 2 units, alike", "+1.051 ± 0.013", "Which unit is this?")
+    missing = [x for x in (*expected, "can be told apart", "0.050") if x not in html]
+    assert missing == []
+
+
+# Most units tell the law of a joint on which all have friction; the others are asked again without their own.
+
+
+PLAIN = (FRICTION, [2], {"torque": ([2.0], [0.1])})
+CURVED = ("saturating_friction", [2], {"torque": ([2.0], [0.1])})
+ELSEWHERE = ("saturating_friction", [3], {"torque": ([1.0], [0.1])})
+
+
+@pytest.mark.parametrize(
+    ("laws", "asked"),
+    [
+        ([(PLAIN,), (CURVED,), (PLAIN,)], {1: (CURVED[0],)}),
+        # a law that the type has on another joint stays
+        ([(PLAIN, ELSEWHERE), (CURVED, ELSEWHERE), (PLAIN, ELSEWHERE)], {}),
+        ([(PLAIN,), (CURVED,)], {}),
+        ([(PLAIN,), (CURVED,), ()], {}),
+        ([(PLAIN,), (PLAIN,), (PLAIN,)], {}),
+        ([(PLAIN,), (PLAIN,), (CURVED,), (CURVED,)], {}),
+    ],
+)
+def test_the_odd_one_is_asked_again(
+    laws: list[tuple[Found, ...]], asked: dict[int, tuple[str, ...]]
+) -> None:
+    assert other_laws({k: unit(*some) for k, some in enumerate(laws)}) == asked
+
+
+def test_it_explains_as_much_up_to_what_an_effect_closes() -> None:
+    before, asked = unit(CURVED), unit(PLAIN)
+    left = np.array(before["gap"]["after"]["torque_nrmse"])
+    for more, as_much in ((0.009, True), (0.011, False)):
+        asked["gap"]["after"]["torque_nrmse"] = (left + more).tolist()
+        assert explains_as_much(asked, before) is as_much
+    before["verdict"] = "no_gap"
+    assert not explains_as_much(before, unit(PLAIN))
 
 
 # Change points: values by hand, rates of false alarms, and changes that are found where they are.
