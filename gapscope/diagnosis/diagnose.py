@@ -221,7 +221,17 @@ class SheetComparison(Comparison):
         both = (gap_on_rows(self.judged_on, a, self.body) for a in (self.nominal, arm))
         return np.subtract(*both)
 
-    def _explained(self, names: Collection[str]) -> Explained:
+    @cached_property
+    def _known(self) -> dict[tuple[str, ...], Explained]:
+        """What sets of findings explain, those that were asked for."""
+        return {}
+
+    def _explained(self, names: tuple[str, ...]) -> Explained:
+        if names not in self._known:
+            self._known[names] = self._held_out(names)
+        return self._known[names]
+
+    def _held_out(self, names: tuple[str, ...]) -> Explained:
         if self.set_aside:
             return self._on_set_aside(names)
         known = explained(self.fit, self.group, self.of(names), self.fitted)

@@ -10,6 +10,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 from scipy.stats import chi2
 
@@ -362,6 +363,10 @@ class _Joint:
         self.free = np.flatnonzero(design.own[self._active])
         # amplitudes count in torque of this joint
         self.size2 = np.maximum(design.size2(j)[self.free], MIN_TORQUE**2)
+        # held out by sums: all of a group less the part that is predicted
+        grams = _of_others(cells, [cell.gram for cell in cells])
+        rights = _of_others(cells, [cell.right for cell in cells])
+        self._others = list(zip(cells, grams, rights, strict=True))
 
     def learn(
         self, priors: Sequence[np.ndarray]
@@ -443,21 +448,20 @@ class _Joint:
 
     def held_out(self, prior: np.ndarray) -> np.ndarray:
         """What is missed of motions that are predicted from others of their group, over the joint's scale, (M,)."""
-        cells, shared = self.cells, np.flatnonzero(prior > 0)
-        unit, missed = prior[shared], np.zeros(len(self.y))
-        power = sum(cell.power for cell in cells)
+        missed, beta = np.zeros(len(self.y)), np.zeros(len(prior))
+        power = sum(cell.power for cell in self.cells)
         missed2 = max(power / self.count, MIN_NOISE**2)
-        # held out by sums: all of a group less the part that is predicted
-        grams = _of_others(cells, [cell.gram for cell in cells])
-        rights = _of_others(cells, [cell.right for cell in cells])
+        shared = np.flatnonzero(prior > 0)
         # the noise by which the prior counts is what is missed
         for _ in range(2):
-            for cell, gram, right in zip(cells, grams, rights, strict=True):
-                normal = gram[np.ix_(shared, shared)] * unit[:, None] * unit / missed2
-                normal[np.diag_indices(len(unit))] += 1.0
-                beta = unit * np.linalg.solve(normal, unit * right[shared] / missed2)
-                x = self.x[np.ix_(cell.rows, shared)]
-                missed[cell.rows] = self.y[cell.rows] - x @ beta
+            unit = prior[shared] / np.sqrt(missed2)
+            for cell, gram, right in self._others:
+                normal = gram[np.ix_(shared, shared)] * unit[:, None] * unit
+                factor = lower(normal)
+                half = forward(factor, unit * right[shared])
+                back = solve_triangular(factor.T, half, check_finite=False)
+                beta[shared] = unit * back
+                missed[cell.rows] = self.y[cell.rows] - self.x[cell.rows] @ beta
             missed2 = max(float(missed @ missed) / self.count, MIN_NOISE**2)
         return missed
 
