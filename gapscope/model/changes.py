@@ -584,6 +584,17 @@ def _by_torque(
     mine, new = dict(known), False
     before, left = _ends(known, count), MAX_MOMENTS
     between: Difference | None = None
+
+    def borne_out(
+        some: Mapping[tuple[Term, Place], np.ndarray], ends: Sequence[list[float]]
+    ) -> tuple[_Spans, Difference]:
+        """Spans between moments, and what holds there of all that may have changed, against what else it may be."""
+        spans = _Spans(learnt.whole() if learnt else rows, ends, learnt=learnt)
+        likely = {spans.candidate(*key): value for key, value in some.items()}
+        # fewer sets than the look had, which chose among all of them: its odds hold
+        search = spans.search(about, spans.sets(), len(sets))
+        return spans, search.run(likely, torque)
+
     while True:
         # look: the grid with the moments known, and what promises most beside them
         ends = _ends(mine, count)
@@ -630,21 +641,22 @@ def _by_torque(
                 (one.term, looked.refined(step, one)): value
                 for one, value in step.values.items()
             }
+            # what comes and goes has two moments: where none of two is borne out, others lead farther astray
+            if left == MAX_MOMENTS - 2 and learnt is None:
+                _, found = borne_out(mine, _ends(mine, count))
+                if not found.fit.mine:
+                    return told
             continue
         # recordings differ as a whole, but nothing changes during one
         if not mine or (learnt is None and not any(_ends(mine, count))):
             return told
-        # all of them at once, against what they may be taken for
         progress("asks what changed")
-        spans = _Spans(learnt.whole() if learnt else rows, ends, learnt=learnt)
         if learnt is not None:
             # nothing of it is in what teaches
             torque = 0.0
+        spans, found = borne_out(mine, ends)
         candidates = [spans.candidate(*key) for key in mine]
-        likely = dict(zip(candidates, mine.values(), strict=True))
-        # fewer sets than the look had, which chose among all of them: its odds hold
-        found = spans.search(about, spans.sets(), len(sets)).run(likely, torque)
-        settled = set(found.fit.mine) <= set(likely)
+        settled = set(found.fit.mine) <= set(candidates)
         # what joined without having been asked gets a moment by another look
         if left and not settled:
             left, torque = left - 1, 0.0
