@@ -585,15 +585,14 @@ def _by_torque(
     before, left = _ends(known, count), MAX_MOMENTS
     between: Difference | None = None
 
-    def borne_out(
+    def question(
         some: Mapping[tuple[Term, Place], np.ndarray], ends: Sequence[list[float]]
-    ) -> tuple[_Spans, Difference]:
-        """Spans between moments, and what holds there of all that may have changed, against what else it may be."""
+    ) -> tuple[_Spans, Search, dict[Candidate, np.ndarray]]:
+        """Spans between moments, the search among them, and what is likely to have changed."""
         spans = _Spans(learnt.whole() if learnt else rows, ends, learnt=learnt)
         likely = {spans.candidate(*key): value for key, value in some.items()}
         # fewer sets than the look had, which chose among all of them: its odds hold
-        search = spans.search(about, spans.sets(), len(sets))
-        return spans, search.run(likely, torque)
+        return spans, spans.search(about, spans.sets(), len(sets)), likely
 
     while True:
         # look: the grid with the moments known, and what promises most beside them
@@ -643,8 +642,8 @@ def _by_torque(
             }
             # what comes and goes has two moments: where none of two is borne out, others lead farther astray
             if left == MAX_MOMENTS - 2 and learnt is None:
-                _, found = borne_out(mine, _ends(mine, count))
-                if not found.fit.mine:
+                _, asked, likely = question(mine, _ends(mine, count))
+                if not asked.first(likely, torque).fit.mine:
                     return told
             continue
         # recordings differ as a whole, but nothing changes during one
@@ -654,9 +653,9 @@ def _by_torque(
         if learnt is not None:
             # nothing of it is in what teaches
             torque = 0.0
-        spans, found = borne_out(mine, ends)
-        candidates = [spans.candidate(*key) for key in mine]
-        settled = set(found.fit.mine) <= set(candidates)
+        spans, asked, likely = question(mine, ends)
+        found = asked.run(likely, torque)
+        settled = set(found.fit.mine) <= set(likely)
         # what joined without having been asked gets a moment by another look
         if left and not settled:
             left, torque = left - 1, 0.0
@@ -666,7 +665,7 @@ def _by_torque(
         when = {one: spans.moments(found.fit, one) for one in found.fit.mine}
         # rows about these moments are left out of the spans, but not of the look
         if settled:
-            when = dict(zip(candidates, moments, strict=True))
+            when = dict(zip(likely, moments, strict=True))
         return told._replace(found=found, spans=spans, when=when)
 
 

@@ -430,12 +430,7 @@ class Search:
             known: what some groups have in all likelihood, with about its values: ``arm`` predicts beside it.
             torque: what that does, over the joints' scale, (M, n).
         """
-        # beside what is known groups are alike, so that each predicts the others
-        if known:
-            self._linearise(1, torque, alike=True)
-        else:
-            self._linearise(ROUNDS)
-        found = self._found_about_arm()
+        found = self.first(known, torque)
         if len(self.sets) == 1 or not found.fit.mine:
             return found
         # each group by itself shows most; what it shows has to stand beside what one leaves of another as well
@@ -448,6 +443,17 @@ class Search:
             self._linearise(1, found.fit.torque, alike=True)
             found = self._found_about_arm()
         return found
+
+    def first(
+        self, known: Mapping[Candidate, np.ndarray] | None, torque: np.ndarray | float
+    ) -> Difference:
+        """The same about one arm, which what is found may move: whether there is anything."""
+        # beside what is known groups are alike, so that each predicts the others
+        if known:
+            self._linearise(1, torque, alike=True)
+        else:
+            self._linearise(ROUNDS)
+        return self._found_about_arm()
 
     def moved_by(self, fit: Fit) -> FreeArm:
         """The arm that predicts best beside what groups have of their own."""
