@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -360,10 +362,14 @@ def _recordings(
 ) -> tuple[list[Recording], list[Recording]]:
     """Recordings to fit and those held out: parts of each file, or whole files under ``judge:``."""
 
+    def files_of_part(part: Part) -> list[Path]:
+        """A file, or files side by side."""
+        entry = part.entry
+        return [entry] if isinstance(entry, Path) else list(entry.values())
+
     def read(part: Part) -> Recording:
         """One recording, with the known body that was mounted."""
-        entry = part.entry
-        files = [entry] if isinstance(entry, Path) else list(entry.values())
+        entry, files = part.entry, files_of_part(part)
         # of files side by side any may be the one that the load is named with
         loads = [payloads.get(real_path(file)) for file in files]
         recording = load_recording(
@@ -377,6 +383,12 @@ def _recordings(
             payload=next(filter(None, loads), None),
         )
         _check_duration(recording, files[0])
+        # two runs may have logged under one name: each is told by its folder
+        if names[files[0].name] > 1:
+            place = os.path.relpath(files[0].parent, paths.file.parent)
+            recording = replace(
+                recording, name=(Path(place) / recording.name).as_posix()
+            )
         return recording
 
     parts = importing or Import()
@@ -386,6 +398,8 @@ def _recordings(
     for text in content.get("judge", []):
         # a whole file: ranges of rows and episodes are those of recordings:
         judged += fitted_parts(paths.entry(text, "judge"), Import())
+    places = {files_of_part(part)[0] for part in (*fitted, *judged)}
+    names = Counter(place.name for place in places)
     # fitted and held out together: a file may go on where one of the others ended
     found = joined_in_time([read(part) for part in (*fitted, *judged)])
     recordings, held_out = found[: len(fitted)], found[len(fitted) :]

@@ -56,6 +56,19 @@ def test_the_least_case(folder: Path) -> None:
     np.testing.assert_array_equal(case.arm.coulomb, [0.25, 0])
 
 
+def test_recordings_of_one_name_are_told_by_their_folders(folder: Path) -> None:
+    for run in ("morning run", "Prüfstand"):
+        (folder / run).mkdir()
+        for file in ("a.csv", "b.npz"):
+            (folder / run / file).write_bytes((folder / file).read_bytes())
+    write(folder, recordings=["morning run/a.csv", "Prüfstand/a.csv", "b.npz"])
+    names = [recording.name for recording in load_case(folder).recordings]
+    assert names == ["morning run/a.csv", "Prüfstand/a.csv", "b.npz"]
+    write(folder, recordings=["morning run/a.csv", "a.csv"])
+    names = [recording.name for recording in load_case(folder).recordings]
+    assert names == ["morning run/a.csv", "a.csv"]
+
+
 def test_a_full_case(folder: Path) -> None:
     path = write(
         folder,
