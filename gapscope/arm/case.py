@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -383,13 +383,8 @@ def _recordings(
             payload=next(filter(None, loads), None),
         )
         _check_duration(recording, files[0])
-        # two runs may have logged under one name: each is told by its folder
-        if names[files[0].name] > 1:
-            place = os.path.relpath(files[0].parent, paths.file.parent)
-            recording = replace(
-                recording, name=(Path(place) / recording.name).as_posix()
-            )
-        return recording
+        name = names[files[0]].removesuffix(files[0].name) + recording.name
+        return replace(recording, name=name)
 
     parts = importing or Import()
     entries = [paths.entry(entry, "recordings") for entry in content["recordings"]]
@@ -398,8 +393,8 @@ def _recordings(
     for text in content.get("judge", []):
         # a whole file: ranges of rows and episodes are those of recordings:
         judged += fitted_parts(paths.entry(text, "judge"), Import())
-    places = {files_of_part(part)[0] for part in (*fitted, *judged)}
-    names = Counter(place.name for place in places)
+    firsts = [files_of_part(part)[0] for part in (*fitted, *judged)]
+    names = file_names(firsts, paths.file.parent)
     # fitted and held out together: a file may go on where one of the others ended
     found = joined_in_time([read(part) for part in (*fitted, *judged)])
     recordings, held_out = found[: len(fitted)], found[len(fitted) :]
@@ -413,6 +408,18 @@ def _recordings(
                 where="judge",
             )
     return recordings, held_out
+
+
+def file_names(files: Iterable[Path], folder: Path) -> dict[Path, str]:
+    """What files are called in a case: by their names, those that share one by their paths from the case's folder."""
+    places = dict.fromkeys(files)
+    count = Counter(place.name for place in places)
+    return {
+        place: place.name
+        if count[place.name] == 1
+        else Path(os.path.relpath(place, folder)).as_posix()
+        for place in places
+    }
 
 
 def _same_content(one: Recording, other: Recording) -> bool:
