@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -360,10 +362,14 @@ def _recordings(
 ) -> tuple[list[Recording], list[Recording]]:
     """Recordings to fit and those held out: parts of each file, or whole files under ``judge:``."""
 
+    def files_of_part(part: Part) -> list[Path]:
+        """A file, or files side by side."""
+        entry = part.entry
+        return [entry] if isinstance(entry, Path) else list(entry.values())
+
     def read(part: Part) -> Recording:
         """One recording, with the known body that was mounted."""
-        entry = part.entry
-        files = [entry] if isinstance(entry, Path) else list(entry.values())
+        entry, files = part.entry, files_of_part(part)
         # of files side by side any may be the one that the load is named with
         loads = [payloads.get(real_path(file)) for file in files]
         recording = load_recording(
@@ -377,7 +383,8 @@ def _recordings(
             payload=next(filter(None, loads), None),
         )
         _check_duration(recording, files[0])
-        return recording
+        name = names[files[0]].removesuffix(files[0].name) + recording.name
+        return replace(recording, name=name)
 
     parts = importing or Import()
     entries = [paths.entry(entry, "recordings") for entry in content["recordings"]]
@@ -386,6 +393,8 @@ def _recordings(
     for text in content.get("judge", []):
         # a whole file: ranges of rows and episodes are those of recordings:
         judged += fitted_parts(paths.entry(text, "judge"), Import())
+    firsts = [files_of_part(part)[0] for part in (*fitted, *judged)]
+    names = file_names(firsts, paths.file.parent)
     # fitted and held out together: a file may go on where one of the others ended
     found = joined_in_time([read(part) for part in (*fitted, *judged)])
     recordings, held_out = found[: len(fitted)], found[len(fitted) :]
@@ -399,6 +408,18 @@ def _recordings(
                 where="judge",
             )
     return recordings, held_out
+
+
+def file_names(files: Iterable[Path], folder: Path) -> dict[Path, str]:
+    """What files are called in a case: by their names, those that share one by their paths from the case's folder."""
+    places = dict.fromkeys(files)
+    count = Counter(place.name for place in places)
+    return {
+        place: place.name
+        if count[place.name] == 1
+        else Path(os.path.relpath(place, folder)).as_posix()
+        for place in places
+    }
 
 
 def _same_content(one: Recording, other: Recording) -> bool:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
-from gapscope.arm.case import Case, case_files, load_case
+from gapscope.arm.case import Case, case_files, file_names, load_case
 from gapscope.arm.control import LAWS
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import is_folder
+from gapscope.arm.input_file import is_folder, real_path
 from gapscope.arm.io.case_file import read_controller
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.table import DAMAGED, PAUSE
@@ -64,9 +65,10 @@ def read_recording(
         InputError: the case or the recording cannot be used.
     """
     case = load_case(case_path, read_recordings=False)
+    # behind the case file and the robot's
+    names = file_names(case_files(case_path)[2:], case.folder)
     if not os.path.lexists(file):
-        # behind the case file and the robot's
-        own = {path.name: path for path in case_files(case_path)[2:]}
+        own = {name: path for path, name in names.items()}
         if str(file) not in own:
             check_recording(file, own)
         file = own[str(file)]
@@ -77,6 +79,9 @@ def read_recording(
         every_row=every_row,
         payload=case.payload_of(file),
     )
+    # states of a model are told by the names that recordings have in the case
+    there = {real_path(path): name for path, name in names.items()}
+    recording = replace(recording, name=there.get(real_path(file), recording.name))
     # other notes are said with a diagnosis; these are about rows that are missing
     for said in recording.notes:
         if said.startswith((DAMAGED, PAUSE)):

@@ -18,6 +18,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.diagnosis.document.diagnosis_json import read_document
 from gapscope.diagnosis.document.numbers import Number, numbers_of
+from gapscope.diagnosis.gap.plausible_data import no_torque
 from gapscope.diagnosis.thresholds import (
     ALIKE_NRMSE,
     EFFECT_FORM,
@@ -490,9 +491,7 @@ def confusion_column(unit: FleetUnit, units: Sequence[FleetUnit]) -> ConfusionCo
         # held-out ones too: their torque judges all arms alike
         every = tuple(r for r in (*case.recordings, *case.judged) if r.tau is not None)
         if not every:
-            raise GapscopeError(
-                f"{case.name}: no recording carries a torque", "; ".join(case.warnings)
-            )
+            raise no_torque(case)
         segments = [segment for recording in every for segment in condition(recording)]
         arms = {NOMINAL: CorrectedArm(case.arm)}
         for other in units:

@@ -13,11 +13,12 @@ from threadpoolctl import threadpool_limits
 from gapscope.arm.case import Case
 from gapscope.arm.display import effect_name, listing, percent, significant
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.comparison import NONE
 from gapscope.diagnosis.document.wording import acts_on
+from gapscope.diagnosis.gap.plausible_data import no_torque
 from gapscope.diagnosis.selection.search import search_of
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
@@ -172,10 +173,7 @@ class PlannedEvidence:
         # values of the hypotheses are fitted to these
         recordings = [r for r in case.recordings if r.tau is not None]
         if not recordings:
-            raise GapscopeError(
-                f"{case.name}: no recording carries a torque",
-                "give torque in column tau1..",
-            )
+            raise no_torque(case)
         self._search = search_of(case.arm, recordings)
         self.rivals = Rivals(self._search.arm, self._search.rivals(sets))
         arm = self._search.arm

@@ -10,10 +10,9 @@ from rich.text import Text
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.replay_gap import attempt
-from gapscope.diagnosis.gap.plausible_data import check_rates
+from gapscope.diagnosis.gap.plausible_data import check_rates, no_torque
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.replay import HORIZON, Replay
 from gapscope.model.conditioning import condition
@@ -83,9 +82,7 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
         (recording, role) for recording, role in roles if recording.tau is not None
     ]
     if not measured:
-        raise GapscopeError(
-            f"{case.name}: no recording carries a torque", "; ".join(case.warnings)
-        )
+        raise no_torque(case)
     body = RigidBody(case.arm)
     rows = [
         {"recording": recording.name, "role": role}

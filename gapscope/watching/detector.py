@@ -1129,14 +1129,22 @@ class WatchSettings:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        for name, value in (
+            ("--learn", self.learning),
+            ("--false-alarms", self.false_alarms),
+            ("--rest", self.rest),
+            ("--until-idle", self.until_idle or 0.0),
+        ):
+            # written so that nan is refused too
+            if not 0.0 <= value < np.inf:
+                raise InputError(
+                    f"expected a number from 0 on, got {value:g}", where=name
+                )
         if self.learning and self.learning < MIN_LEARNING:
             raise InputError(
                 f"expected at least {MIN_LEARNING:g} s to learn from, or 0 for the case's recordings, "
                 f"got {self.learning:g}",
                 where="--learn",
             )
-        if self.false_alarms <= 0:
-            raise InputError(
-                f"expected a number above 0, got {self.false_alarms:g}",
-                where="--false-alarms",
-            )
+        if not self.false_alarms:
+            raise InputError("expected a number above 0", where="--false-alarms")

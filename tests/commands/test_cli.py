@@ -119,6 +119,7 @@ def test_work_that_fails_leaves_no_diagnosis_of_an_earlier_run(
     for arguments in (("gap", sick), ("diagnose", sick, "--out", results)):
         done = gapscope(*arguments)
         assert done.code == 1 and "sick: no recording carries a torque" in done.err
+        assert "give torque with its sign in column tau1.." in done.err
     assert not (results / "diagnosis.json").exists()
 
 

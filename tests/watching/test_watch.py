@@ -118,6 +118,25 @@ def test_once_reads_a_log_to_its_end(
     assert "1 recordings read" in said
 
 
+@pytest.mark.parametrize(
+    ("number", "option"),
+    [
+        ({"learning": float("nan")}, "--learn"),
+        ({"learning": float("inf")}, "--learn"),
+        ({"learning": 5.0}, "--learn"),
+        ({"false_alarms": float("nan")}, "--false-alarms"),
+        ({"false_alarms": 0.0}, "--false-alarms"),
+        ({"rest": -5.0}, "--rest"),
+        ({"until_idle": float("nan")}, "--until-idle"),
+    ],
+)
+def test_a_number_that_makes_no_sense_names_its_option(
+    number: dict[str, float], option: str
+) -> None:
+    with pytest.raises(InputError, match=f"{option}: expected"):
+        WatchSettings(Path("log.csv"), **number)
+
+
 def test_once_fails_where_there_is_nothing_to_read(case: Path, tmp_path: Path) -> None:
     empty = tmp_path / "logs"
     empty.mkdir()

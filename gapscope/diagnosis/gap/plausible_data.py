@@ -169,7 +169,7 @@ def check_torque(case: Case) -> None:
     """
     carrying = [r for r in case.recordings if r.tau is not None]
     if not carrying:
-        raise _no_torque(case)
+        raise no_torque(case)
     for recording in (*case.recordings, *case.judged):
         _check_size(recording, "q", LARGEST_POSITION, "rad")
         _check_size(recording, "tau", LARGEST_TORQUE, "N m")
@@ -210,7 +210,7 @@ def check_rates(case: Case) -> None:
             )
 
 
-def _no_torque(case: Case) -> GapscopeError:
+def no_torque(case: Case) -> GapscopeError:
     """The error on a case without torque, with the reasons that were noted as it was read."""
     notes = [note for recording in case.recordings for note in recording.notes]
     reasons = dict.fromkeys((*case.warnings, *notes))

@@ -341,6 +341,11 @@ class LimitPlan:
                 raise InputError(
                     f"{value:g} makes no sense", "give a number above zero", where=name
                 )
+        # no body would lie below it: the arm could be driven into its table
+        if self.surface is not None and not np.isfinite(self.surface):
+            raise InputError(
+                f"{self.surface:g} is no height", "give a number", where="surface"
+            )
         motion = urdf_limits(body, self.acceleration, margin=self.margin)
         motion = motion._replace(velocity=np.minimum(motion.velocity, self.velocity))
         check_motion_limits(motion)

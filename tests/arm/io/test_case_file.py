@@ -14,6 +14,7 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case, write_recording
 from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.commands.inputs import read_recording
 
 CONTENT: dict[str, Any] = {
     "name": "two",
@@ -54,6 +55,22 @@ def test_the_least_case(folder: Path) -> None:
     )
     np.testing.assert_array_equal(case.arm.viscous, [0.5, 0.1])
     np.testing.assert_array_equal(case.arm.coulomb, [0.25, 0])
+
+
+def test_recordings_of_one_name_are_told_by_their_folders(folder: Path) -> None:
+    for run in ("morning run", "Prüfstand"):
+        (folder / run).mkdir()
+        for file in ("a.csv", "b.npz"):
+            (folder / run / file).write_bytes((folder / file).read_bytes())
+    write(folder, recordings=["morning run/a.csv", "Prüfstand/a.csv", "b.npz"])
+    names = [recording.name for recording in load_case(folder).recordings]
+    assert names == ["morning run/a.csv", "Prüfstand/a.csv", "b.npz"]
+    write(folder, recordings=["morning run/a.csv", "a.csv"])
+    names = [recording.name for recording in load_case(folder).recordings]
+    assert names == ["morning run/a.csv", "a.csv"]
+    # the commands know them by the same names, from any folder
+    for given in (Path(names[0]), folder / names[0]):
+        assert read_recording(folder, given)[1].name == names[0]
 
 
 def test_a_full_case(folder: Path) -> None:

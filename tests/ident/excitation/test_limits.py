@@ -172,6 +172,8 @@ def test_a_surface_above_the_whole_arm_is_refused(
 ) -> None:
     with pytest.raises(InputError, match="(?s)below a surface at 3 m.*--surface"):
         LimitPlan(surface=3.0).collision(arm, body)
+    with pytest.raises(InputError, match="surface: nan is no height"):
+        LimitPlan(surface=float("nan")).allowed(arm, body)
 
 
 def test_limits_without_room_are_refused(arm: NominalArm, body: RigidBody) -> None:

@@ -45,7 +45,7 @@ def read_csv(path: Path) -> Table:
     except UnicodeDecodeError:
         raise InputError(
             "is not a text in UTF-8",
-            "give a CSV, Parquet, NPZ, MCAP or .db3 file",
+            "if it is a text, in UTF-16 or Latin-1 as some programs write it, save it again as UTF-8",
             file=path,
         ) from None
 
