@@ -4,18 +4,16 @@
     .venv/bin/python experiments/60_smallest_sizes.py --pairs 8 [--robots small,drawn]
 
 A case is diagnosed as it is: ``expected`` says how large each effect would have to be to be named with a probability of
-0.5 and of 0.9. Then the torque of some of the effects below, on the arm or a joint, along the recorded motion is added
-to the recorded torque at half the first size, at it, at the second and at twice the first, of an effect with two signs
-with either, and the case is diagnosed again. ``--pairs`` makes unchanged pairs of ``12_against.py``, whose case is
-compared with its reference. The table has a row for each size: the share named where it was put in, and found there
-with a lesser probability. This is a recovery check: what is put in follows the laws that are looked for.
+0.5 and of 0.9. Then some of the effects that `gapscope rehearse` knows are put in, by its laws, at half the first size,
+at it, at the second and at twice the first, and the case is diagnosed again. ``--pairs`` makes unchanged pairs of
+``12_against.py``, whose case is compared with its reference. The table has a row for each size: the share named where
+it was put in, and found there with a lesser probability.
 """
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -26,24 +24,10 @@ from threadpoolctl import threadpool_limits
 
 import gapscope
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import write_json
-from gapscope.arm.recording import Recording
-from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected import CorrectedArm
-from gapscope.model.conditioning import condition
+from gapscope.blind_check.generator.recorded import RECORDED_LAWS
+from gapscope.many.rehearse import Planned, put_in
 
-ASKED: dict[str, dict[str, Any]] = {
-    "payload": {"com": np.zeros(3)},
-    "viscous_friction": {},
-    "coulomb_friction": {},
-    "parallel_spring": {"rest": 0.0},
-    "torque_offset": {},
-    "torque_scale": {},
-    "armature": {},
-}
-"""Effects that add a torque of their own to a recorded one, and parameters beside the size."""
-TWO_SIGNS = ("torque_offset", "torque_scale")
 SIZES = {
     "half the first": lambda one: one["half"] / 2,
     "0.5": lambda one: one["half"],
@@ -51,25 +35,6 @@ SIZES = {
     "twice the first": lambda one: 2 * one["half"],
 }
 """Sizes that are put in, by what the table calls them."""
-
-
-def with_effect(case: Case, effect: AppliedEffect) -> Case:
-    """The case with the torque of an effect in its recordings, judged ones too."""
-    body = RigidBody(case.arm)
-
-    def changed(recording: Recording) -> Recording:
-        torque = np.array(recording.tau)
-        for segment in condition(recording):
-            laden, motion = segment.bodies(body), segment.motion
-            added = CorrectedArm(case.arm, (effect,)).predict(laden, motion)
-            added = added - CorrectedArm(case.arm).predict(laden, motion)
-            inside = (recording.t >= motion.t[0]) & (recording.t <= motion.t[-1])
-            for j, column in enumerate(added.T):
-                torque[inside, j] += np.interp(recording.t[inside], motion.t, column)
-        return replace(recording, tau=torque)
-
-    recordings = tuple(map(changed, case.recordings))
-    return replace(case, recordings=recordings, judged=tuple(map(changed, case.judged)))
 
 
 def diagnosed(case: Case, reference: Case | None) -> dict[str, Any]:
@@ -84,14 +49,18 @@ def tried(
     """Some effects at each size, and what is found of them."""
     before = diagnosed(case, reference)
     known = (before.get("against") or before)["expected"]
-    asked = [e for e in known if e["effect"] in ASKED and e["nine_of_ten"] is not None]
+    asked = [
+        e
+        for e in known
+        if e["effect"] in RECORDED_LAWS and e["nine_of_ten"] is not None
+    ]
     for k in rng.permutation(len(asked))[:terms]:
         one = asked[k]
-        sign = rng.choice([-1.0, 1.0]) if one["effect"] in TWO_SIGNS else 1.0
+        joint, draws = sum(one["joints"]), int(rng.integers(2**31))
         for text, size in SIZES.items():
-            values = {one["parameter"]: sign * size(one), **ASKED[one["effect"]]}
-            effect = AppliedEffect(one["effect"], tuple(one["joints"]), values)
-            after = diagnosed(with_effect(case, effect), reference)
+            law = RECORDED_LAWS[one["effect"]]
+            planned = Planned(law, joint, "", abs(size(one)))
+            after = diagnosed(put_in(case, planned, draws), reference)
 
             def hit(key: str, one: Any = one, after: Any = after) -> bool:
                 places = [
@@ -99,7 +68,7 @@ def tried(
                 ]
                 return any(set(one["joints"]) <= set(joints) for joints in places)
 
-            row = {"case": case.name, **one, "size": text, "put_in": sign * size(one)}
+            row = {"case": case.name, **one, "size": text, "put_in": size(one)}
             yield row | {"named": hit("effects"), "possible": hit("possible")}
 
 

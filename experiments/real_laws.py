@@ -14,6 +14,7 @@ from scipy.optimize import curve_fit
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.blind_check.generator import recorded
+from gapscope.blind_check.generator.laws import UNITS, in_other_units
 from gapscope.blind_check.generator.recorded import (
     RECORDED_LAWS,
     Changed,
@@ -236,8 +237,6 @@ def _quantization(put: Put) -> Changed:
     return put.changed("q", np.round(steps) * put.x), {"step": put.x}
 
 
-UNITS = ("degrees", "milliseconds", "motor_side")
-"""Kinds of wrong units."""
 STEPS = {2.5: 5e-4, 4.0: 1e-3, 8.0: 2e-3}
 """Quantisation step of an encoder by size [rad]."""
 
@@ -259,14 +258,13 @@ def _draw_unit(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Va
 
 def unit_mismatch(put: Put) -> Changed:
     """Degrees, milliseconds, or the motors' side of the gears."""
-    recording, truth = put.recording, {"unit": put["unit"]}
-    if put["unit"] == "milliseconds":
-        return replace(recording, t=1e3 * recording.t), truth
-    degrees = put["unit"] == "degrees"
-    factor = 180 / np.pi if degrees else put["ratio"]
-    dq = None if recording.dq is None else factor * recording.dq
-    tau = np.asarray(recording.tau) / (1.0 if degrees else put["ratio"])
-    return replace(recording, q=factor * recording.q, dq=dq, tau=tau), truth
+    columns = {
+        name: series
+        for name in ("t", "q", "dq", "tau")
+        if (series := getattr(put.recording, name)) is not None
+    }
+    changed = in_other_units(columns, put["unit"], put["ratio"])
+    return replace(put.recording, **changed), {"unit": put["unit"]}
 
 
 MORE = (

@@ -196,12 +196,12 @@ def _late(
     recording: Recording, times: np.ndarray, delay: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Reference positions [rad] and velocities [rad/s] that take effect at times [s] if they are late."""
-    t = recording.t
-    late = np.maximum(times - delay, t[0])
-    q_ref, dq_ref = references(recording, "controller")
-    return make_interp_spline(t, q_ref, k=1)(late), make_interp_spline(t, dq_ref, k=1)(
-        late
+    late = np.maximum(times - delay, recording.t[0])
+    q_ref, dq_ref = (
+        make_interp_spline(recording.t, series, k=1)(late)
+        for series in references(recording, "controller")
     )
+    return q_ref, dq_ref
 
 
 def _with_references(case: Case, delay: float, follows: bool = True) -> Case:
@@ -475,6 +475,11 @@ def with_told_controller(case: Case) -> tuple[Case, ToldController | None]:
 # What a controller feeds forward, and how late it acts, by the torque that it commanded.
 
 
+# whether the velocity's reference is followed is another question
+WITH_GAINS = ((*GAINS, "one"), ("error", "dq", "one"))
+WITHOUT = (("one",),)
+
+
 def with_fed_forward(case: Case, seen: Case) -> Case:
     """The case with the feedforward, and with references as late, as its torque shows, and a warning; or as it is.
 
@@ -489,16 +494,29 @@ def with_fed_forward(case: Case, seen: Case) -> Case:
     recorded = all(r.tau is not None for r in seen.recordings if r.q_ref is not None)
     if not isinstance(declared, PD) or not recorded:
         return case
+
+    def left(kind: str, delay: float, columns: Sequence[Any] = WITH_GAINS) -> float:
+        """Share of the torque that a law leaves, median over joints that move [1]; infinite if none is recorded."""
+        asked = replace(seen, controller=replace(declared, feedforward=kind))
+        sums = law_sums(_with_references(asked, delay) if delay else asked)
+        if sums is None or not sums.moves.any():
+            return np.inf
+        every = []
+        for j in np.flatnonzero(sums.moves):
+            fits = [sums.fit(j, LAW_TORQUE, one, {"torque": 1.0}) for one in columns]
+            every.append(min(share for _, share in fits))
+        return float(np.median(every))
+
     # a law that misses no more than this explains the torque, and is not late
     little = LAW_EXPLAINS / LAW_GAIN
     try:
-        at_once = {kind: _left(seen, kind, 0.0) for kind in FEEDFORWARDS}
+        at_once = {kind: left(kind, 0.0) for kind in FEEDFORWARDS}
         kind = min(at_once, key=lambda one: at_once[one])
         least, delay = at_once[kind], 0.0
         if least > little:
             later = np.arange(TICK, LATEST, TICK).tolist()
-            near = min((_left(seen, kind, d), d) for d in later)
-            best = _refined(lambda d: _left(seen, kind, d), near[1])
+            near = min((left(kind, d), d) for d in later)
+            best = _refined(lambda d: left(kind, d), near[1])
             least, delay = min((least, 0.0), near, best)
     except GapscopeError:
         # too short for any law; what needs the signals says so
@@ -507,7 +525,7 @@ def with_fed_forward(case: Case, seen: Case) -> Case:
     if least > little or least * LAW_GAIN > stated:
         return case
     # what a good model feeds forward is what the arm needs, whatever its controller is: the error has to count
-    if least * LAW_GAIN > _left(seen, kind, delay, [("one",)]):
+    if least * LAW_GAIN > left(kind, delay, WITHOUT):
         return case
     lines = []
     if kind != declared.feedforward:
@@ -521,26 +539,3 @@ def with_fed_forward(case: Case, seen: Case) -> Case:
     )
     right = replace(declared, feedforward=kind)
     return replace(case, controller=right, warnings=(*case.warnings, said))
-
-
-# whether the velocity's reference is followed is another question
-WITH_GAINS = ((*GAINS, "one"), ("error", "dq", "one"))
-
-
-def _left(
-    case: Case,
-    kind: str,
-    delay: float,
-    columns: Sequence[tuple[str, ...]] = WITH_GAINS,
-) -> float:
-    """Share of the torque that a law leaves, median over the joints that move [1]; infinite if none is recorded."""
-    assert case.controller is not None
-    asked = replace(case, controller=replace(case.controller, feedforward=kind))
-    sums = law_sums(_with_references(asked, delay) if delay else asked)
-    if sums is None or not sums.moves.any():
-        return np.inf
-    every = []
-    for j in np.flatnonzero(sums.moves):
-        fits = [sums.fit(int(j), LAW_TORQUE, one, {"torque": 1.0}) for one in columns]
-        every.append(min(left for _, left in fits))
-    return float(np.median(every))

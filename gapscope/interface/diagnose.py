@@ -30,7 +30,7 @@ from gapscope.diagnosis.diagnose_change import (
     write_reference,
 )
 from gapscope.diagnosis.document.diagnosis_json import write_document
-from gapscope.diagnosis.document.numbers import Number, numbers_of
+from gapscope.diagnosis.document.numbers import Number, number_rows
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
@@ -246,13 +246,7 @@ class DiagnosisResult(Result):
 
     def table(self) -> Iterator[dict[str, Any]]:
         """A row for each number of each effect: place, value, standard deviation, probability, share, named."""
-        # one row per number, so that effects of all kinds have the same columns
-        for section in ("effects", "possible"):
-            for entry in self.document[section]:
-                more = {key: entry[key] for key in ("probability", "share")}
-                more["named"] = section == "effects"
-                for number in numbers_of(entry):
-                    yield {**number._asdict(), **more}
+        return number_rows(self.document)
 
 
 def diagnose(

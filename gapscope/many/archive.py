@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 from urllib.parse import parse_qs, unquote_to_bytes
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.nearest_name import check_known
 from gapscope.diagnosis.document.diagnosis_json import read_document
-from gapscope.diagnosis.document.numbers import numbers_of
+from gapscope.diagnosis.document.numbers import number_rows
 from gapscope.diagnosis.document.wording import acts_on, parameter_texts
 from gapscope.many.pages import (
     FILES,
@@ -55,8 +56,7 @@ class Archive:
         Raises:
             InputError: it is no folder, or ``units_by`` is neither ``case`` nor ``folder``.
         """
-        if units_by not in UNITS_BY:
-            raise InputError(f"{units_by} names no unit", "use case or folder")
+        check_known("name of units", units_by, UNITS_BY, where="--units-by")
         if not root.is_dir():
             remedy = "give the folder in which gapscope diagnose wrote its results"
             raise InputError("is not a folder", remedy, file=root)
@@ -67,30 +67,27 @@ class Archive:
 
     def rows(self, progress: Callable[[str], None] | None = None) -> list[Row]:
         """All diagnoses as they are now, the latest first."""
+        lost: list[Row] = []
+
+        def closed(error: OSError) -> None:
+            problem = f"folder: {error.strerror}"
+            lost.append(self._unreadable(Path(error.filename), problem))
+
         with self._lock:
             known: dict[Path, tuple[_State, Row]] = {}
-            lost: list[Row] = []
-            for file, has_report in self._files(lost):
-                known[file] = self._current(file, has_report)
+            for folder, folders, files in os.walk(self.root, onerror=closed):
+                # in place: the walk enters what is left in this list
+                folders[:] = [name for name in folders if not name.startswith(".")]
+                if DOCUMENT not in files:
+                    continue
+                file = Path(folder, DOCUMENT)
+                known[file] = self._current(file, REPORT in files)
                 if progress and len(known) % 100 == 0:
                     progress(f"{len(known)} diagnoses")
             # what is gone from the disk is forgotten
             self._known = known
         rows = [row for _, row in known.values()] + lost
         return sorted(rows, key=lambda row: (row.date, row.folder))[::-1]
-
-    def _files(self, lost: list[Row]) -> Iterator[tuple[Path, bool]]:
-        """Every ``diagnosis.json``, and whether a report is beside it; folders that cannot be read go to ``lost``."""
-
-        def closed(error: OSError) -> None:
-            problem = f"folder: {error.strerror}"
-            lost.append(self._unreadable(Path(error.filename), problem))
-
-        for folder, folders, files in os.walk(self.root, onerror=closed):
-            # in place: the walk enters what is left in this list
-            folders[:] = [name for name in folders if not name.startswith(".")]
-            if DOCUMENT in files:
-                yield Path(folder, DOCUMENT), REPORT in files
 
     def _current(self, file: Path, has_report: bool) -> tuple[_State, Row]:
         """State and row of a file: those known if it has not changed."""
@@ -104,8 +101,14 @@ class Archive:
         if known and known[0] == state:
             return known
         changed = datetime.fromtimestamp(found.st_mtime)
-        problem = self._refusal(file, found.st_size)
-        if not problem:
+        # links resolved first: one may lead out of the folder
+        if not file.resolve().is_relative_to(self.root):
+            problem = "is a link that leaves the folder"
+        elif not file.is_file():
+            problem = "is not a file"
+        elif found.st_size > LARGEST:
+            problem = "is too large for a diagnosis"
+        else:
             try:
                 return state, self._row(file, changed, has_report)
             except InputError as error:
@@ -130,11 +133,9 @@ class Archive:
         dated = date is not None
         row = Row(case, place, kept, "", unit, date or changed, dated, has_report)
         # what another version has written may not be shown
-        every = [*row.effects, *row.possible]
-        _ = (
-            row.changes,
-            [(acts_on(e), parameter_texts(e), *numbers_of(e)) for e in every],
-        )
+        every = (*row.effects, *row.possible)
+        _ = row.changes, [(acts_on(one), parameter_texts(one)) for one in every]
+        _ = list(number_rows(kept))
         return row
 
     def _unreadable(
@@ -145,15 +146,6 @@ class Archive:
         date = date_in_names("", place)
         name, when = PurePath(place).name, date or changed or datetime.now()
         return Row(name, place, None, problem, "", when, date is not None)
-
-    def _refusal(self, file: Path, size: int) -> str:
-        """Why a file is not read at all; empty if it is."""
-        # links resolved first: one may lead out of the folder
-        if not file.resolve().is_relative_to(self.root):
-            return "is a link that leaves the folder"
-        if not file.is_file():
-            return "is not a file"
-        return "is too large for a diagnosis" if size > LARGEST else ""
 
     def _place(self, folder: Path) -> str:
         return folder.relative_to(self.root).as_posix()
@@ -234,36 +226,23 @@ def refusal(status: HTTPStatus, reason: str = "") -> Answer:
 def answer(archive: Archive, target: str) -> Answer:
     """What is at the target of a request, as it stands in its first line."""
     path, _, query = target.partition("?")
+    # what stands behind the first part
+    rest = path.removeprefix("/").partition("/")[2]
     if path == "/":
-        return _table(archive, query)
+        rows = archive.rows()
+        asked = parse_qs(query).get("page", ["1"])[-1]
+        # isdecimal alone takes digits of other scripts, and numbers of any length
+        number = int(asked) if asked.isdecimal() and len(asked) < 7 else 0
+        if not 1 <= number <= page_count(rows):
+            return refusal(HTTPStatus.NOT_FOUND, "the table has no such page")
+        return _page(render_table(rows, archive.root.name, number))
     if path.startswith(f"/{UNITS}/"):
-        quoted = path.removeprefix(f"/{UNITS}/")
-        unit = plain_text(quoted)
-        of_unit = [
-            row
-            for row in archive.rows()
-            if row.unit == unit and row.document is not None
-        ]
-        if not of_unit:
+        unit, rows = plain_text(rest), archive.rows()
+        own = [row for row in rows if row.unit == unit and row.document is not None]
+        if not own:
             return refusal(HTTPStatus.NOT_FOUND, "no unit of this name")
-        return _page(render_history(of_unit, unit))
-    if path.startswith(f"/{FILES}/"):
-        return _file(archive, path.removeprefix(f"/{FILES}/"))
-    return refusal(HTTPStatus.NOT_FOUND)
-
-
-def _table(archive: Archive, query: str) -> Answer:
-    rows = archive.rows()
-    asked = parse_qs(query).get("page", ["1"])[-1]
-    # isdecimal alone takes digits of other scripts, and numbers of any length
-    number = int(asked) if asked.isdecimal() and len(asked) < 7 else 0
-    if not 1 <= number <= page_count(rows):
-        return refusal(HTTPStatus.NOT_FOUND, "the table has no such page")
-    return _page(render_table(rows, archive.root.name, number))
-
-
-def _file(archive: Archive, path: str) -> Answer:
-    names = file_names(path)
+        return _page(render_history(own, unit))
+    names = file_names(rest) if path.startswith(f"/{FILES}/") else None
     file = result_file(archive.root, names) if names else None
     if names is None or file is None:
         return refusal(HTTPStatus.NOT_FOUND)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -34,7 +34,7 @@ from gapscope.interface.diagnose import DiagnosisResult, diagnose, kept_referenc
 from gapscope.many.pages import render_summary
 from gapscope.many.rows import Row
 from gapscope.many.units import fleet_tables
-from gapscope.many.workers import RAY, check_backend, in_order
+from gapscope.many.workers import LOCAL, RAY, check_backend, in_order
 from gapscope.provenance import KEY, made_from
 from gapscope.reports.diagnosis import CASE, CORRECTED, DOCUMENT, REPORT
 from gapscope.terminal import console, say
@@ -42,8 +42,6 @@ from gapscope.terminal import console, say
 SUMMARY, UNITS = "summary.html", "units.json"
 AGAIN = ".of_type"
 """Ends the name of the folder of a unit that is asked again, until it takes the place of the first one."""
-Done = tuple[Row, int]
-"""The row of a case, and its exit code."""
 
 
 def diagnose_path(
@@ -106,24 +104,17 @@ class Batch:
             found[name] = case
         return found
 
-    def diagnosed(
-        self, names: Iterable[str], ending: str, left_out: Mapping[str, Sequence[str]]
-    ) -> Iterator[Done]:
-        """Diagnose cases, each into the folder of its name with an ending, without the effects that are left out."""
-        # with Ray, other machines have another current folder
-        place = Path.resolve if self.backend == RAY else Path
-        against = self.against and place(self.against)
-        calls = [
-            (place(self.by_folder[name]), place(self.out), name + ending, against, left_out.get(name, ()))
-            for name in names
-        ]  # fmt: skip
-        return diagnose_calls(calls, self.jobs, self.backend)
-
 
 def diagnose_calls(
     calls: Sequence[tuple[Any, ...]], jobs: int, backend: str
-) -> Iterator[Done]:
-    """Make calls of ``diagnose_one_of_many``, so many at a time, and give each result in order, also what failed."""
+) -> Iterator[Row]:
+    """Make calls of ``diagnose_one_of_many``, so many at a time, and give each row in order, also of what failed."""
+    if backend == RAY:
+        # other machines have another current folder
+        calls = [
+            tuple(x.resolve() if isinstance(x, Path) else x for x in call)
+            for call in calls
+        ]
     results = in_order(diagnose_one_of_many, calls, jobs, backend)
     for (*_, folder, _, _), result in zip(calls, results, strict=True):
         yield _failed(folder, result) if isinstance(result, Exception) else result
@@ -146,6 +137,38 @@ def finished(
     except (OSError, ValueError, GapscopeError):
         return None
     return content if complete and unchanged else None
+
+
+def diagnose_missing(
+    cases: Mapping[str, Case | Path],
+    out: Path,
+    jobs: int,
+    backend: str = LOCAL,
+    against: Path | None = None,
+    keep: Callable[[Case | Path, Path], dict[str, Any] | None] = finished,
+) -> Iterator[tuple[Row, bool]]:
+    """The row of each case, in order, and whether its diagnosis is kept from an earlier run.
+
+    Args:
+        cases: by the name of the folder of their results.
+        out: in which these folders are.
+        jobs: cases at a time.
+        backend: ``local`` or ``ray``.
+        against: reference of all cases.
+        keep: the diagnosis of a case in its folder, if that need not be made again.
+    """
+    kept = {}
+    for name, case in cases.items():
+        found = keep(case, out / name)
+        if found is not None:
+            kept[name] = Row(str(found["case"]), name, found)
+    calls = [
+        (cases[name], out, name, against, ()) for name in cases if name not in kept
+    ]
+    # results come in the order in which they were asked, kept ones between them
+    made = diagnose_calls(calls, jobs, backend)
+    for name in cases:
+        yield (kept[name], True) if name in kept else (next(made), False)
 
 
 def diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
@@ -194,23 +217,19 @@ def _compared(
         against, known = kept_reference(batch.against, batch.out, progress)
         batch, reference = replace(batch, against=against), known.made_from
     rows: list[Row] = []
-    code = 0
-    kept: dict[str, Row] = {}
-    for folder, case in batch.by_folder.items():
-        found = None if batch.again else finished(case, batch.out / folder, reference)
-        if found is not None:
-            kept[folder] = Row(str(found["case"]), folder, found)
-    asked = [folder for folder in batch.by_folder if folder not in kept]
-    results = batch.diagnosed(asked, "", {})
-    # results come in the order in which they were asked, kept ones between them
-    for folder in batch.by_folder:
-        row, own = (kept[folder], 0) if folder in kept else next(results)
-        rows, code = [*rows, row], max(code, own)
-        note = " (kept from an earlier run)" if folder in kept else ""
+    cases, out, how = batch.by_folder, batch.out, (batch.jobs, batch.backend)
+
+    def keep(case: Case | Path, folder: Path) -> dict[str, Any] | None:
+        return None if batch.again else finished(case, folder, reference)
+
+    for row, kept in diagnose_missing(cases, out, *how, batch.against, keep):
+        rows.append(row)
+        note = " (kept from an earlier run)" if kept else ""
         verdict = VERDICTS.get(row.verdict, "Failed")
         done = f"{len(rows)} of {len(batch.by_folder)} done"
         progress(f"{done}, {row.label}: {verdict.lower()}{note}")
         say(f"{row.label}: {row.line}{note}")
+    code = max((row.exit_code for row in rows), default=0)
     rows = _by_law_of_type(batch, rows, progress)
     documents = {row.folder: row.document for row in rows if row.document is not None}
     units = []
@@ -240,8 +259,12 @@ def _by_law_of_type(
         return list(rows)
     progress(f"asks {', '.join(asked)} for the friction law of the type")
     found = {}
-    results = batch.diagnosed(asked, AGAIN, asked)
-    for unit, (row, _) in zip(asked, results, strict=True):
+    calls = [
+        (batch.by_folder[unit], batch.out, unit + AGAIN, None, left_out)
+        for unit, left_out in asked.items()
+    ]
+    results = diagnose_calls(calls, batch.jobs, batch.backend)
+    for unit, row in zip(asked, results, strict=True):
         again = batch.out / (unit + AGAIN)
         document = row.document
         if document is not None and explains_as_much(document, documents[unit]):
@@ -262,8 +285,8 @@ def diagnose_one_of_many(
     folder: str,
     against: Path | None,
     left_out: Sequence[str],
-) -> Done:
-    """Diagnose a case, or the one at a path, as one of several: its row of the summary, and its exit code.
+) -> Row:
+    """Diagnose a case, or the one at a path, as one of several: its row of the summary.
 
     Args:
         path: the case, or where it is.
@@ -279,14 +302,16 @@ def diagnose_one_of_many(
     except Exception as error:
         # a fault of the program in one case does not stop the others either
         return _failed(folder, error)
-    return Row(str(result.document["case"]), folder, result.document), 0
+    return Row(str(result.document["case"]), folder, result.document)
 
 
-def _failed(folder: str, error: Exception) -> Done:
+def _failed(folder: str, error: Exception) -> Row:
     """The row of a case that could not be diagnosed."""
-    if isinstance(error, GapscopeError):
-        return Row(folder, folder, problem=str(error)), error.exit_code
-    return Row(folder, folder, problem=f"{type(error).__name__}: {error}"), 1
+    ours = isinstance(error, GapscopeError)
+    problem = str(error) if ours else f"{type(error).__name__}: {error}"
+    return Row(
+        folder, folder, problem=problem, exit_code=getattr(error, "exit_code", 1)
+    )
 
 
 def _confused(

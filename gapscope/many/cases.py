@@ -52,35 +52,26 @@ class CaseAddress:
     changed: float | None = None
 
 
-@dataclass(frozen=True)
-class CaseListing:
-    """The files of a case in its storage.
+Files = Mapping[str, Mapping[str, Any]]
+"""What a storage says of each file of a case, by its path below the folder of the case."""
 
-    Attributes:
-        files: what the storage says of each, by its path below the folder of the case.
-    """
 
-    files: Mapping[str, Mapping[str, Any]]
-
-    @property
-    def fingerprint(self) -> str:
-        """Hash of names, sizes and stamps; empty if a file has no stamp."""
-        digest = hashlib.sha256()
-        for name, info in sorted(self.files.items()):
-            # a stamp of the content first: a copy of the same file has another time
-            stamp = _first(info, STAMPS[0]) or _first(info, STAMPS[1])
-            # without a stamp a change would go unnoticed
-            if stamp is None:
-                return ""
-            digest.update(f"{name}\0{info.get('size')}\0{stamp}\0".encode())
-        return digest.hexdigest()
-
-    @property
-    def changed(self) -> float | None:
-        """Last change [s since 1970], of the file changed last."""
-        stamps = [_first(info, STAMPS[1]) for info in self.files.values()]
-        seconds = [time for time in map(_seconds, stamps) if time is not None]
-        return max(seconds, default=None)
+def stamps(files: Files) -> tuple[str, float | None]:
+    """Hash of names, sizes and stamps, empty if a file has no stamp; last change of any of them [s since 1970]."""
+    digest, unknown = hashlib.sha256(), False
+    times: list[float] = []
+    for name, info in sorted(files.items()):
+        changed = _first(info, STAMPS[1])
+        # a stamp of the content first: a copy of the same file has another time
+        stamp = _first(info, STAMPS[0]) or changed
+        # without a stamp a change would go unnoticed
+        unknown |= stamp is None
+        digest.update(f"{name}\0{info.get('size')}\0{stamp}\0".encode())
+        if hasattr(changed, "timestamp"):
+            changed = changed.timestamp()
+        if isinstance(changed, (int, float)):
+            times.append(float(changed))
+    return "" if unknown else digest.hexdigest(), max(times, default=None)
 
 
 def open_address(address: str) -> tuple[Any, str]:
@@ -166,24 +157,22 @@ def _below(system: Any, root: str, address: str) -> Iterator[CaseAddress]:
             files[folder][_inside(path, folder)] = info
     del listed  # what has been given is let go of: there may be a million files
     for folder in list(files):
-        listing = CaseListing(files.pop(folder))
+        fingerprint, changed = stamps(files.pop(folder))
         full = _full(system, folder, address)
-        yield CaseAddress(
-            full, fingerprint=listing.fingerprint, changed=listing.changed
-        )
+        yield CaseAddress(full, fingerprint=fingerprint, changed=changed)
 
 
-def list_case(system: Any, folder: str) -> CaseListing:
+def list_case(system: Any, folder: str) -> Files:
     """List the files of one case.
 
     Raises:
         InputError: there is no case.
     """
     listed = system.find(folder, detail=True)
-    listing = CaseListing({_inside(path, folder): i for path, i in listed.items()})
-    if CASE_FILE not in listing.files:
+    files = {_inside(path, folder): info for path, info in listed.items()}
+    if CASE_FILE not in files:
         raise InputError(f"{folder}: has no {CASE_FILE}", "give the folder of a case")
-    return listing
+    return files
 
 
 def _case_folder(path: str, folders: set[str]) -> str | None:
@@ -221,13 +210,6 @@ def _full(system: Any, path: str, address: str) -> str:
 
 def _first(info: Mapping[str, Any], keys: Sequence[str]) -> Any:
     return next((info[key] for key in keys if info.get(key) is not None), None)
-
-
-def _seconds(stamp: Any) -> float | None:
-    """Seconds since 1970 of a number or a date; ``None`` of anything else."""
-    if isinstance(stamp, (int, float)):
-        return float(stamp)
-    return float(stamp.timestamp()) if hasattr(stamp, "timestamp") else None
 
 
 # Lists of cases: a text file with an address a line, or a table that also names unit and date.
@@ -323,13 +305,13 @@ MAX_FILES = 10_000
 """Files of a case, at most [1]."""
 
 
-def fetch(system: Any, folder: str, listing: CaseListing, to: Path, most: int) -> int:
+def fetch(system: Any, folder: str, files: Files, to: Path, most: int) -> int:
     """Copy the files of a case; returns their size [bytes].
 
     Args:
         system: file system of fsspec.
         folder: of the case in it.
-        listing: its files.
+        files: of the case.
         to: an empty folder.
         most: bytes that it may have.
 
@@ -337,9 +319,9 @@ def fetch(system: Any, folder: str, listing: CaseListing, to: Path, most: int) -
         InputError: the case is too large, a file would leave the folder or is a link, or the case file names a file
             outside of its folder.
     """
-    _check_files(folder, listing, most)
+    _check_files(folder, files, most)
     left = most
-    for name in listing.files:
+    for name in files:
         target = to / name
         target.parent.mkdir(parents=True, exist_ok=True)
         source = f"{folder}/{name}" if folder else name
@@ -357,9 +339,9 @@ def fetch(system: Any, folder: str, listing: CaseListing, to: Path, most: int) -
     return most - left
 
 
-def _check_files(folder: str, listing: CaseListing, most: int) -> None:
+def _check_files(folder: str, files: Files, most: int) -> None:
     """Refuse what need not be fetched to know that it is not wanted."""
-    for name, info in listing.files.items():
+    for name, info in files.items():
         if leaves_folder(name):
             raise InputError(
                 f"{folder}: the name {name!r} leaves the case", "rename it"
@@ -369,9 +351,9 @@ def _check_files(folder: str, listing: CaseListing, most: int) -> None:
                 f"{folder}: {name} is a link or no file", "put the file itself there"
             )
     # before anything is fetched; a missing size shows while it is
-    size = sum(int(info.get("size") or 0) for info in listing.files.values())
-    if size > most or len(listing.files) > MAX_FILES:
-        raise _too_large(folder, f"{len(listing.files)} files of {size} bytes", most)
+    size = sum(int(info.get("size") or 0) for info in files.values())
+    if size > most or len(files) > MAX_FILES:
+        raise _too_large(folder, f"{len(files)} files of {size} bytes", most)
 
 
 def _too_large(what: str, has: str, most: int) -> InputError:

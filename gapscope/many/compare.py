@@ -32,6 +32,7 @@ UNIT = ["unit", "nominal_sha256"]
 """A unit as long as its nominal arm is the same: values are relative to it, and step with it."""
 VALUE, APPEARED, VANISHED = "value", "appeared", "vanished"
 IN_TIME = ["recorded_at", "result"]
+KEPT = ["recorded_at", "kept"]
 POINTS = 60
 """Points of the history that goes with a change: the last ones [1]."""
 
@@ -42,16 +43,14 @@ class History:
 
     Attributes:
         key: unit, effect, joint, link, parameter, component and SI unit; the last three are empty for ``found``.
-        times: of the n diagnoses, in order, (n,).
-        kept: folders in which they are kept, empty if they are not, (n,).
+        diagnoses: ``recorded_at`` of n of them, in order, and ``kept``, the folder in which each is kept, or nothing.
         values: estimates in the SI unit, or 1 and 0 for found and not, (n,).
         stds: their standard deviations with the error of form and the scatter seen in the fleet, (n,); ``None`` for
             found and not.
     """
 
     key: dict[str, Any]
-    times: np.ndarray
-    kept: np.ndarray
+    diagnoses: pd.DataFrame
     values: np.ndarray
     stds: np.ndarray | None = None
 
@@ -64,7 +63,7 @@ class History:
 
     def changes(self, level: float) -> Iterator[dict[str, Any]]:
         """Its changes as ``fleet.json`` has them; parts before and after one are tested again at a level."""
-        days = [f"{time:%Y-%m-%d}" for time in pd.to_datetime(self.times)]
+        days = [f"{time:%Y-%m-%d}" for time in self.diagnoses["recorded_at"]]
         stds: Sequence[float | None] = [None] * len(days)
         # of found and not found a single change is looked for
         every: Sequence[ChangePoint] = (self.first,)
@@ -93,7 +92,7 @@ class History:
                 "before": {"value": found.before, "std": found.before_std or None},
                 "after": {"value": found.after, "std": found.after_std or None},
                 "p": found.p,
-                "kept": self.kept[k],
+                "kept": self.diagnoses["kept"].iloc[k],
                 "history": history[-POINTS:],
             }
 
@@ -127,7 +126,8 @@ def histories(
             # the error of the effect's form is part of the deviations, as between units
             form = EFFECT_FORM * np.abs(values).mean()
             stds = np.hypot(rows["std"].to_numpy(float), form)
-            own.append((_history(rows, names, key, values), stds))
+            named = dict(zip(names, key, strict=True))
+            own.append((History(named, rows[KEPT], values), stds))
         factor = scatter([(one.values, stds) for one, stds in own])
         factors[parameter] = factor
         made += [replace(one, stds=factor * stds) for one, stds in own]
@@ -139,18 +139,9 @@ def histories(
         found = rows["result"].isin(group["result"]).to_numpy(float)
         # found every time: neither appeared nor vanished
         if not found.all():
-            made.append(_history(rows, names, (*key, "", "", ""), found))
+            named = dict(zip(names, (*key, "", "", ""), strict=True))
+            made.append(History(named, rows[KEPT], found))
     return [one for one in made if len(one.values) >= SHORTEST_HISTORY], factors
-
-
-def _history(
-    rows: pd.DataFrame,
-    names: list[str],
-    key: tuple[Any, ...],
-    values: np.ndarray,
-) -> History:
-    times, kept = rows["recorded_at"].to_numpy(), rows["kept"].to_numpy()
-    return History(dict(zip(names, key, strict=True)), times, kept, values)
 
 
 def drift(all_histories: list[History]) -> list[dict[str, Any]]:
@@ -174,12 +165,6 @@ def drift(all_histories: list[History]) -> list[dict[str, Any]]:
 
 EXTREMES = 5
 """Units that are listed as the farthest from the common value, at most [1]."""
-
-
-def latest(cases: pd.DataFrame) -> pd.DataFrame:
-    """The last diagnosis of each unit of each type of robot."""
-    order = cases.sort_values(["recorded_at", "result"], kind="stable")
-    return order.drop_duplicates(["robot", "unit"], keep="last")
 
 
 def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
@@ -287,7 +272,7 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         found, scatter = histories(of_type, named)
         everything += found
         # one diagnosis of each: a unit that is recorded daily counts as one
-        last = latest(of_type)
+        last = _latest(of_type)
         of_last = named[named["result"].isin(last["result"])]
         robots.append(
             {
@@ -317,19 +302,20 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         "scatter": factors,
         "changes": changes[:MOST],
         "changes_in_all": len(changes),
-        "worst": _worst(latest(cases), changes),
+        "worst": _worst(_latest(cases), changes),
         "failures": failed[FAILURE].head(MOST).to_dict("records"),
     }
     document: dict[str, Any] = plain(content, null_if_not_finite=True)
-    validate(document)
-    return document
-
-
-def validate(document: Any) -> None:
-    """Check a document against ``fleet.schema.json``; raises ``jsonschema.ValidationError``."""
     error = schema_fault(document, "fleet")
     if error is not None:
         raise error
+    return document
+
+
+def _latest(cases: pd.DataFrame) -> pd.DataFrame:
+    """The last diagnosis of each unit of each type of robot."""
+    in_time = cases.sort_values(IN_TIME, kind="stable")
+    return in_time.drop_duplicates(["robot", "unit"], keep="last")
 
 
 def _worst(last: pd.DataFrame, changes: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -31,6 +31,7 @@ from gapscope.arm.errors import (
 )
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.locked_section import locked
+from gapscope.arm.nearest_name import check_known
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.interface.diagnose import diagnose
 from gapscope.interface.result import DocumentResult
@@ -41,6 +42,7 @@ from gapscope.many.cases import (
     is_process_only,
     list_case,
     open_address,
+    stamps,
 )
 from gapscope.many.compare import fleet_document
 from gapscope.many.pages import render_fleet, summary
@@ -113,11 +115,8 @@ class FleetPlan:
             GapscopeError: Ray is not installed.
         """
         check_backend(self.backend)
-        words = (("--keep", self.keep, KEEP), ("--units-by", self.units_by, UNITS_BY))
-        for option, value, known in words:
-            if value not in known:
-                remedy = f"use {', '.join(known)}"
-                raise InputError(f"unknown word {value!r}", remedy, where=option)
+        check_known("files to keep", self.keep, KEEP, where="--keep")
+        check_known("name of units", self.units_by, UNITS_BY, where="--units-by")
         in_process = self.backend == LOCAL and self.jobs in (None, 1)
         for address in self.cases:
             if is_process_only(address) and not in_process:
@@ -233,13 +232,14 @@ def _fetched(
 ) -> Made:
     """The diagnosis of a case that is fetched into a folder, unless that shows that it is known."""
     system, place = open_address(case.address)
-    listing = list_case(system, place)
+    files = list_case(system, place)
+    stamp, changed = stamps(files)
     # stamps of the storage spare the fetch
-    if listing.fingerprint in known:
+    if stamp in known:
         return {}, [], {}
     here, out = folder / "case", folder / "diagnosis"
     here.mkdir()
-    size = fetch(system, place, listing, here, plan.largest)
+    size = fetch(system, place, files, here, plan.largest)
     source = made_from(here)
     # new stamps on the same content: the diagnosis would be the same
     if source["case_sha256"] in known:
@@ -248,7 +248,8 @@ def _fetched(
     loaded = load_case(here, any_unit=True)
     found = diagnose(loaded)
     document = found.document
-    changed = listing.changed if case.changed is None else case.changed
+    if case.changed is not None:
+        changed = case.changed
     diagnosed = Row(document["case"], place, document)
     row = {
         **diagnosed.columns(),
@@ -256,7 +257,7 @@ def _fetched(
         "robot": document["arm"]["robot"] if "arm" in document else loaded.arm.name,
         "joints": list(loaded.arm.joints),
         **_named(case, document["case"], plan.units_by, changed),
-        "fingerprint": listing.fingerprint,
+        "fingerprint": stamp,
         "nominal_sha256": fingerprint(loaded.arm),
         "bytes": size,
     }
@@ -293,7 +294,20 @@ def run_fleet(plan: FleetPlan, progress: Progress) -> FleetCounts:
     plan.check()
     with locked(plan.out):
         store, counts = FleetStore(plan.out), FleetCounts()
-        writer = _Writer(store, plan, counts)
+        cases: list[dict[str, Any]] = []
+        effects: list[dict[str, Any]] = []
+        last = -math.inf
+
+        def write() -> None:
+            """Write the rows that have come since the last time, and count them when they are on disk."""
+            if cases:
+                store.append(cases, effects)
+            failed = sum(bool(row["error"]) for row in cases)
+            counts.failed += failed
+            counts.diagnosed += len(cases) - failed
+            cases.clear()
+            effects.clear()
+
         # of a run that was killed
         plan.clear_scratch()
         tasks = _tasks(plan, store, counts)
@@ -305,21 +319,36 @@ def run_fleet(plan: FleetPlan, progress: Progress) -> FleetCounts:
             # workers end with the loop, however it ends
             with closing(calls):
                 for call in calls:
-                    writer.add(call)
+                    row, own, files = call.result or _lost(call, plan)
+                    if row:
+                        kept = _keep(row, files, plan.out)
+                        cases.append({**row, "tries": call.tries, "kept": kept})
+                        effects += own
+                    else:
+                        counts.kept += 1
+                    if time.monotonic() - last >= PAUSE:
+                        write()
+                        last = time.monotonic()
                     progress(str(counts))
         except KeyboardInterrupt:
             # before it is said how many are done
-            writer.flush()
+            write()
             raise InterruptedRunError(
                 f"interrupted: {counts}",
                 "run the same command again to resume: what has been diagnosed is kept",
             ) from None
         finally:
-            writer.flush()
+            write()
             plan.clear_scratch()
         # a file for each second of the run becomes one for each robot and day
         store.merge()
     return counts
+
+
+def _lost(call: Ended, plan: FleetPlan) -> Made:
+    """What is known of a case whose worker died each time."""
+    error = f"no worker brought it to an end: {call.error}"
+    return failed_row(call.arguments[0], plan.units_by, error), [], {}
 
 
 def _known(store: FleetStore) -> dict[str, frozenset[str]]:
@@ -351,46 +380,6 @@ def _tasks(
             counts.kept += 1
         else:
             yield case, hashes, program(), plan
-
-
-class _Writer:
-    """Gathers what workers send and writes it, a batch at a time."""
-
-    def __init__(self, store: FleetStore, plan: FleetPlan, counts: FleetCounts) -> None:
-        self._store, self._plan, self._counts = store, plan, counts
-        self._cases: list[dict[str, Any]] = []
-        self._effects: list[dict[str, Any]] = []
-        self._last = -math.inf
-
-    def add(self, call: Ended) -> None:
-        """Take a call that has ended."""
-        if call.result is None:
-            # the worker died each time: this much is known of the case
-            error = f"no worker brought it to an end: {call.error}"
-            row = failed_row(call.arguments[0], self._plan.units_by, error)
-            made: Made = (row, [], {})
-        else:
-            made = call.result
-        row, effects, files = made
-        if not row:
-            self._counts.kept += 1
-            return
-        kept = _keep(row, files, self._plan.out)
-        self._cases.append({**row, "tries": call.tries, "kept": kept})
-        self._effects += effects
-        if time.monotonic() - self._last >= PAUSE:
-            self.flush()
-
-    def flush(self) -> None:
-        """Write the rows that have come since the last time, and count them."""
-        if self._cases:
-            self._store.append(self._cases, self._effects)
-        # counted when they are on disk
-        failed = sum(bool(row["error"]) for row in self._cases)
-        self._counts.failed += failed
-        self._counts.diagnosed += len(self._cases) - failed
-        self._cases, self._effects = [], []
-        self._last = time.monotonic()
 
 
 def _keep(row: Mapping[str, Any], files: Mapping[str, bytes], out: Path) -> str:

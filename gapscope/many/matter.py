@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
 from gapscope.agents.models import AgentModel, ArmModel
+from gapscope.agents.tracking import Tuning
 from gapscope.arm.case import Case
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -29,7 +31,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
 from gapscope.envs.actions import control
-from gapscope.envs.effect_ranges import EffectRange
+from gapscope.envs.effect_ranges import Z95, EffectRange
 from gapscope.envs.engines import check_engine
 from gapscope.envs.environment import LOOK_AHEAD, SUB_STEPS, TIME_STEP
 from gapscope.envs.position_controller import position_controller
@@ -44,8 +46,8 @@ Task = tuple[Recording, Controller] | tuple[Path, tuple[str, Sequence[str]]]
 """A reference with its controller; or a policy's file or folder, with the kind of its actions and its motions."""
 MEASURES = ("error", "reward", "success")
 """RMS tracking error over time and joints [rad], mean reward of an action [1], whether the arm did not diverge [1]."""
-INTERVAL = (0.025, 0.5, 0.975)
-"""Quantiles over seeds and values drawn. (definition)"""
+INTERVAL = norm.cdf([-Z95, 0.0, Z95])
+"""Quantiles over seeds and values drawn: 95 % and the middle."""
 
 
 def read_task(
@@ -114,7 +116,7 @@ def read_policy(path: Path, action: str, arm: NominalArm) -> AgentModel:
     return AgentModel(
         policy=policy,
         model=ArmModel(CorrectedArm(arm)),
-        control=control(arm, body, workspace(body), action, None, 4.0),
+        control=control(arm, body, workspace(body), action, None, Tuning().bandwidth),
         look_ahead=LOOK_AHEAD,
         period=TIME_STEP * SUB_STEPS,
         digest="",

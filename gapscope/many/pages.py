@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gapscope.arm.display import display_unit, effect_name, nrmse, percent, uncertain
-from gapscope.diagnosis.document.numbers import numbers_of, place_text
+from gapscope.diagnosis.document.numbers import number_rows, place_text
 from gapscope.diagnosis.document.wording import VERDICTS, capital
 from gapscope.envs.effect_ranges import Z95
 from gapscope.many import units as units_words
@@ -164,16 +164,17 @@ def render_history(rows: Sequence[Row], unit: str) -> str:
     in_time = sorted(rows, key=lambda row: (row.date, row.folder))
     numbers = pd.DataFrame(
         {
-            **number._asdict(),
-            "effect": capital(effect_name(number.effect)),
-            "place": number.place,
+            **number,
+            "effect": capital(effect_name(number["effect"])),
+            "place": place_text(number["joint"], number["link"]),
             "date": row.date,
             "folder": row.folder,
             "case": row.case,
         }
         for row in in_time
-        for entry in row.effects
-        for number in numbers_of(entry)
+        if row.document
+        for number in number_rows(row.document)
+        if number["named"]
     )
     sections: list[tuple[int, PageSection]] = []
     for (effect, place), own in (

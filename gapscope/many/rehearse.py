@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
@@ -21,6 +21,7 @@ from gapscope.arm.io.locked_section import locked
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm, arm_entry
+from gapscope.arm.recording import Recording
 from gapscope.blind_check.generator.recorded import (
     RECORDED_LAWS,
     Changed,
@@ -30,15 +31,14 @@ from gapscope.blind_check.generator.recorded import (
     Values,
 )
 from gapscope.blind_check.scoring import VECTORS
-from gapscope.diagnosis.document.numbers import Number, numbers_of
+from gapscope.diagnosis.document.numbers import number_rows, place_text
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.severity import draw
 from gapscope.interface.models import case_of
 from gapscope.interface.result import Document, DocumentResult
-from gapscope.many.batch import diagnose_calls, finished
-from gapscope.many.workers import LOCAL
+from gapscope.many.batch import diagnose_missing
 from gapscope.provenance import KEY, made_from
 from gapscope.reports.rehearsal import sentence, summary, write_page
 
@@ -93,24 +93,22 @@ def put_in(case: Case, planned: Planned, seed: int) -> Case:
     """
     # a seed of its own: what else is planned changes no draw
     rng = np.random.default_rng([seed, crc32(planned.name.encode())])
-    law, count = planned.law, len(case.recordings)
-    every = (*case.recordings, *case.judged)
-    scenes = [Scene(recording, case.arm, case.arm) for recording in every]
+    law, arm = planned.law, case.arm
     # sized where most motion shows it; then the same on all recordings
-    longest = max(scenes, key=lambda scene: scene.recording.duration)
+    longest = max((*case.recordings, *case.judged), key=lambda r: r.duration)
     # empty for an effect on the arm
     joints = np.array([planned.joint - 1] * (planned.joint > 0), dtype=int)
-    drawn = law.draw(rng, longest, joints)
+    drawn = law.draw(rng, Scene(longest, arm, arm), joints)
     x = law.start * rng.choice([-1.0, 1.0] if law.signed else [1.0], 1)
 
-    def changed(scene: Scene) -> Changed:
-        return law.apply(Put(scene, scene.recording, joints, x, drawn))
+    def changed(recording: Recording) -> Changed:
+        scene = Scene(recording, arm, arm)
+        return law.apply(Put(scene, recording, joints, x, drawn))
 
     # a law that bends is not proportional to its parameter: corrected step by step
     for _ in range(ROUNDS):
         x = x * planned.size / size_of(law.name, changed(longest)[1])
-    found = tuple(changed(scene)[0] for scene in scenes)
-    return replace(case, recordings=found[:count], judged=found[count:])
+    return case.each(lambda recording: changed(recording)[0])
 
 
 def rehearse(
@@ -149,14 +147,12 @@ def rehearse(
     """
     loaded = case_of(case)
     numbers = [str(joint) for joint in range(1, loaded.arm.n_joints + 1)]
-    asked: Sequence[tuple[str, Sequence[object], Collection[str]]] = (
-        ("effect", effects, RECORDED_LAWS),
-        ("joint", [str(joint) for joint in joints], numbers),
-        ("sizes", sizes, SIZES),
-    )
-    for option, names, known in asked:
-        for name in names:
-            check_known(option, name, known, where=option)
+    for name in effects:
+        check_known("effect", name, RECORDED_LAWS, where="effect")
+    for name in map(str, joints):
+        check_known("joint", name, numbers, where="joint")
+    for name in sizes:
+        check_known("sizes", name, SIZES, where="sizes")
     # nobody knows how an effect would have changed the references
     bare, judged = (
         tuple(replace(r, q_ref=None, dq_ref=None) for r in own if r.tau is not None)
@@ -198,7 +194,7 @@ def rehearse(
         **arm_entry(loaded.arm),
         "seed": seed,
         "summary": sentence(rows),
-        "as_is": [_text(number) for number in _named(baseline).values()],
+        "as_is": list(_named(baseline).values()),
         "rows": rows,
         KEY: made_from(loaded),
     }
@@ -252,15 +248,12 @@ def _diagnosed(
     cases: Mapping[str, Case], out: Path, jobs: int, progress: Progress
 ) -> dict[str, Document]:
     """The diagnosis of each case, kept from an earlier run or made now; its ``problem`` if there is none."""
-    # by hashes of what was put in: another size or seed is another case
-    kept = {name: finished(case, out / name) for name, case in cases.items()}
-    found = {name: content for name, content in kept.items() if content is not None}
-    calls = [(cases[name], out, name, None, ()) for name in cases if name not in found]
-    done = diagnose_calls(calls, jobs, LOCAL)
-    for (_, _, name, *_), (row, _) in zip(calls, done, strict=True):
+    found = {}
+    # kept by hashes of what was put in: another size or seed is another case
+    for row, _ in diagnose_missing(cases, out, jobs):
         nothing: Document = {"problem": row.problem, "effects": [], "possible": []}
-        found[name] = dict(row.document or nothing)
-        progress(f"{len(found)} of {len(cases)} diagnosed, {name}")
+        found[row.folder] = dict(row.document or nothing)
+        progress(f"{len(found)} of {len(cases)} diagnosed, {row.folder}")
     return found
 
 
@@ -268,14 +261,15 @@ Place = tuple[str, int | None, int | None]
 """Effect, joint and link, from 1."""
 
 
-def _named(document: Document, section: str = "effects") -> dict[Place, Number]:
-    """A number of each effect on each place that a diagnosis names."""
-    numbers = [n for entry in document[section] for n in numbers_of(entry)]
-    return {(n.effect, n.joint, n.link): n for n in numbers}
-
-
-def _text(number: Number) -> str:
-    return f"{effect_name(number.effect)}, {number.place}"
+def _named(document: Document) -> dict[Place, str]:
+    """What a diagnosis names, in words, by effect and place."""
+    return {
+        (row["effect"], row["joint"], row["link"]): (
+            f"{effect_name(row['effect'])}, {place_text(row['joint'], row['link'])}"
+        )
+        for row in number_rows(document)
+        if row["named"]
+    }
 
 
 def _row(
@@ -283,38 +277,42 @@ def _row(
 ) -> dict[str, Any]:
     """What was put in, what was named, and the value said."""
     effect, joint = planned.law.name, planned.joint or None
-    names, place = size_parameters(effect), (effect, joint)
+    names = size_parameters(effect)
     # units of a slide are those of forces
     slides = joint is not None and arm.sliding[joint - 1]
-    before, now = _named(baseline), _named(found)
     # what is named without the effect, too, is none of its doing
-    new = [number for key, number in now.items() if key not in before]
+    before = _named(baseline)
+    new = {key: text for key, text in _named(found).items() if key not in before}
     # the name alone on another joint is no find
-    right = any((n.effect, n.joint) == place for n in new)
+    right = any(key[:2] == (effect, joint) for key in new)
     outcome = "found" if right else "confused" if new else "missed"
-    problem = found.get("problem")
-    # its value is told even if it is only possible
-    said = [
-        (entry["probability"], n.value, n.std)
-        for entry in (*found["effects"], *found["possible"])
-        for n in numbers_of(entry)
-        if (n.effect, n.joint) == place and n.parameter in names
-    ]
-    # what is not said is not a number
-    known, value, std = np.array(said or [(None,) * 3], dtype=float).T
-    size = np.linalg.norm(value)
-    return {
+    row: dict[str, Any] = {
         "effect": effect,
         "joint": joint,
         "parameter": names[0],
         "unit": joint_unit(CATALOGUE[effect].parameter(names[0]).unit, slides),
         "chance": planned.chance,
         "size": planned.size,
-        "outcome": "failed" if problem else outcome,
-        "named": [problem] if problem else [_text(number) for number in new],
-        "value": size,
-        # of a length |x|: sqrt(sum x^2 s^2) / |x|
-        "std": np.linalg.norm(value * std) / size,
-        "probability": known[0],
+        "outcome": outcome,
+        "named": list(new.values()),
+        "value": None,
+        "std": None,
+        "probability": None,
         "diagnosis": planned.name,
     }
+    if "problem" in found:
+        row |= {"outcome": "failed", "named": [found["problem"]]}
+    # its value is told even if it is only possible
+    said = [
+        number
+        for number in number_rows(found)
+        if (number["effect"], number["joint"]) == (effect, joint)
+        and number["parameter"] in names
+    ]
+    if said:
+        value, std = np.array([(n["value"], n["std"]) for n in said], dtype=float).T
+        row["value"] = size = np.linalg.norm(value)
+        # of a length |x|: sqrt(sum x^2 s^2) / |x|
+        row["std"] = np.linalg.norm(value * std) / size
+        row["probability"] = said[0]["probability"]
+    return row

@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 from gapscope.arm.display import effect_name
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.diagnosis.document.numbers import numbers_of
+from gapscope.diagnosis.document.numbers import number_rows
 from gapscope.diagnosis.document.wording import VERDICTS, acts_on
 from gapscope.envs.effect_ranges import Z95
 from gapscope.model.changes import change_text
@@ -209,17 +209,13 @@ class Row:
     def numbers(self) -> Iterator[dict[str, Any]]:
         """Rows of Parquet: the numbers of all effects, named or possible, with their intervals of 95 %."""
         assert self.document is not None
-        for section in ("effects", "possible"):
-            for entry in self.document[section]:
-                common = {key: entry[key] for key in ("probability", "share")}
-                for number in numbers_of(entry):
-                    row = {"named": section == "effects", **common, **number._asdict()}
-                    # in the tables of a fleet a unit is an arm
-                    row["si_unit"] = row.pop("unit")
-                    if number.value is not None and number.std is not None:
-                        row["low"] = number.value - Z95 * number.std
-                        row["high"] = number.value + Z95 * number.std
-                    yield row
+        for row in number_rows(self.document):
+            # in the tables of a fleet a unit is an arm
+            row["si_unit"] = row.pop("unit")
+            if row["std"] is not None:
+                half = Z95 * row["std"]
+                row |= {"low": row["value"] - half, "high": row["value"] + half}
+            yield row
 
 
 def _mean(values: np.ndarray) -> float | None:

@@ -7,7 +7,6 @@ from math import log
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from gapscope.arm.display import (
@@ -24,7 +23,7 @@ from gapscope.diagnosis.document.wording import capital, joint_ranges
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
 from gapscope.effects.catalogue import known_effect
 from gapscope.reports.diagnosis import ADDING
-from gapscope.reports.pages import terminal_table
+from gapscope.reports.pages import PageSection, terminal_table
 
 # The comparison of units as a person reads it: ``units.json`` in words, for the summary and the terminal.
 
@@ -198,12 +197,10 @@ def row_label(row: str) -> str:
 def told_apart(confusion: Content) -> list[str]:
     """What the confusion says, in sentences; units that are all confused with each other in one."""
     confused = {
-        unit: (unit, *confusion["confused_with"][unit]) for unit in confusion["columns"]
+        unit: [unit, *confusion["confused_with"][unit]] for unit in confusion["columns"]
     }
-    if not confused:
-        return []
-    mixed = {unit: set(others) for unit, others in confused.items() if len(others) > 1}
-    if not mixed:
+    mixed = {unit: set(own) for unit, own in confused.items() if len(own) > 1}
+    if confused and not mixed:
         return [
             "Every unit is predicted best by its own corrected arm: they can be told apart."
         ]
@@ -211,27 +208,25 @@ def told_apart(confusion: Content) -> list[str]:
     for unit, others in mixed.items():
         # one-sided: an arm may predict another unit that does not predict it
         if any(mixed.get(other) != others for other in others):
-            out.append(_mixed(unit, confused[unit][1:]))
-        # a group is told once, at its first unit
-        elif unit == next(other for other in confused if other in others):
-            names, more = (
-                listing([other for other in confused if other in others]),
-                "s" if len(others) > 2 else "",
+            names, several = confused[unit][1:], len(others) > 2
+            their = (
+                "their corrected arms predict"
+                if several
+                else "its corrected arm predicts"
             )
             out.append(
-                f"{names} cannot be told apart: the corrected arm of one predicts the other{more} as well as their own "
-                f"({TOLERANCE})."
+                f"{unit} cannot be told from {listing(names)}: {their} {unit} as well as its own does ({TOLERANCE})."
+            )
+            continue
+        # a group is told once, at its first unit
+        names = [other for other in confused if other in others]
+        if unit == names[0]:
+            more = "s" if len(names) > 2 else ""
+            out.append(
+                f"{listing(names)} cannot be told apart: the corrected arm of one predicts the other{more} as well as "
+                f"their own ({TOLERANCE})."
             )
     return out
-
-
-def _mixed(unit: str, others: Sequence[str]) -> str:
-    their = (
-        "its corrected arm predicts"
-        if len(others) == 1
-        else "their corrected arms predict"
-    )
-    return f"{unit} cannot be told from {listing(others)}: {their} {unit} as well as its own does ({TOLERANCE})."
 
 
 # The comparison of units as tables on the terminal.
@@ -243,28 +238,26 @@ def fleet_tables(content: Mapping[str, Any]) -> Group:
     for group in content["groups"]:
         confusion = group["confusion"]
         # effects of a group and the units that have them
-        table = Table(
-            title=f"{group['robot']}, {len(group['units'])} units",
-            title_justify="left",
-            caption=heading(group),
-            caption_justify="left",
-        )
-        for name in ("effect", "on", "found"):
-            table.add_column(name, overflow="fold")
-        for found in findings(group):
-            meaning = Text(f"{found['label']}: {found['meaning']}")
-            table.add_row(Text(found["name"]), found["place"], meaning)
-        parts.append(table)
+        rows = [
+            (found["name"], found["place"], f"{found['label']}: {found['meaning']}")
+            for found in findings(group)
+        ]
+        title = f"{group['robot']}, {len(group['units'])} units"
+        table = PageSection(title, ("effect", "on", "found"), rows)
+        said = table.on_terminal(caption=heading(group), caption_justify="left")
+        parts.append(said)
         if confusion["columns"]:
             # mean torque NRMSE of each arm on the recordings of each unit; the least of each column in bold
-            rows = []
+            lines = []
             for row, line in cells(confusion):
                 values = (
                     Text(nrmse(c["value"]), "bold" if c["best"] else "") for c in line
                 )
-                rows.append([Text(row_label(row)), *values])
+                lines.append([Text(row_label(row)), *values])
             title = "torque NRMSE of an arm (row) on the recordings of a unit (column)"
-            parts.append(terminal_table(["", *confusion["columns"]], rows, title=title))
+            parts.append(
+                terminal_table(["", *confusion["columns"]], lines, title=title)
+            )
         # after the table that they explain
         notes = (*told_apart(confusion), nominal_note(group))
         parts += [Text(note) for note in notes if note]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import closing
@@ -13,7 +12,8 @@ from typing import Any, TypeVar
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.nearest_name import check_known
 from gapscope.effects.catalogue import FILES
 
 # What a pool of workers does for ``as_completed``.
@@ -23,26 +23,31 @@ class WorkerLostError(Exception):
     """The worker of a call died, or its machine did: the call may be made again."""
 
 
-class Pool(ABC):
-    """Workers, each of which runs one call at a time.
+class Pool:
+    """One call at a time, in the calling process; others have workers, each of which runs one.
 
     Attributes:
         jobs: number of calls that run at a time.
     """
 
-    jobs: int
+    jobs = 1
 
-    @abstractmethod
     def submit(
         self, function: Callable[..., Any], arguments: tuple[Any, ...]
     ) -> Future[Any]:
         """Begin a call, while fewer than ``jobs`` run."""
+        made: Future[Any] = Future()
+        try:
+            made.set_result(function(*arguments))
+        except Exception as error:
+            made.set_exception(error)
+        return made
 
     def lost(self, error: BaseException | None) -> str:
         """Why a worker died, if that is why a call has ended; else empty."""
         return ""
 
-    def close(self) -> None:  # noqa: B027
+    def close(self) -> None:
         """End the workers, and calls that still run, if there are any."""
 
 
@@ -59,10 +64,7 @@ def check_backend(backend: str) -> None:
         InputError: unknown backend.
         GapscopeError: Ray is not installed.
     """
-    if backend not in (LOCAL, RAY):
-        raise InputError(
-            f"unknown backend {backend!r}", "use local or ray", where="--backend"
-        )
+    check_known("backend", backend, (LOCAL, RAY), where="--backend")
     if backend == RAY:
         ray_module()
 
@@ -85,24 +87,10 @@ def ray_module() -> Any:
     return ray
 
 
-# Workers of this machine: the calling process itself, or processes of their own.
+# Workers of this machine, in processes of their own.
 
 
-class ThisProcess(Pool):
-    """One call at a time, in the calling process."""
-
-    jobs = 1
-
-    def submit(
-        self, function: Callable[..., Any], arguments: tuple[Any, ...]
-    ) -> Future[Any]:
-        """Make the call at once."""
-        made: Future[Any] = Future()
-        try:
-            made.set_result(function(*arguments))
-        except Exception as error:
-            made.set_exception(error)
-        return made
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class LocalProcesses(Pool):
@@ -125,7 +113,9 @@ class LocalProcesses(Pool):
                 executor = own
             else:
                 own.shutdown()
-        executor = executor or _executor()
+        if executor is None:
+            # of one process, which starts with its first call; numeric libraries get one thread there
+            executor = ProcessPoolExecutor(1, env=dict.fromkeys(THREADS, "1"))
         made: Future[Any] = executor.submit(function, *arguments)
         self._executors[made] = executor
         return made
@@ -139,14 +129,6 @@ class LocalProcesses(Pool):
         """End the processes."""
         for executor in self._executors.values():
             executor.shutdown(kill_workers=True)
-
-
-def _executor() -> Any:
-    """An executor of one process, which starts with its first call; numeric libraries get one thread there."""
-    threads = dict.fromkeys(
-        ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
-    )
-    return ProcessPoolExecutor(max_workers=1, env=threads)
 
 
 # Workers of a Ray cluster.
@@ -256,7 +238,12 @@ def as_completed(
         tries: times that a call is begun, at most.
     """
     waiting = (Ended(number, arguments) for number, arguments in enumerate(calls))
-    with closing(_pool(jobs, backend)) as pool:
+    pool = Pool()
+    if backend == RAY:
+        pool = RayPool(jobs)
+    elif jobs and jobs > 1:
+        pool = LocalProcesses(jobs)
+    with closing(pool):
         # by the future, so that what has ended tells which call it was
         running: dict[Future[Any], Ended] = {}
 
@@ -283,12 +270,6 @@ def as_completed(
                 else:
                     yield replace(call, result=future.result())
             fill()
-
-
-def _pool(jobs: int | None, backend: str) -> Pool:
-    if backend != LOCAL:
-        return RayPool(jobs)
-    return LocalProcesses(jobs) if jobs and jobs > 1 else ThisProcess()
 
 
 # Results of calls that run side by side, in the order of their arguments.

@@ -92,7 +92,7 @@ def test_a_link_that_leaves_the_folder_is_not_read(tmp_path):
 def test_a_missing_folder_and_an_unknown_unit_are_refused(tmp_path):
     with pytest.raises(InputError, match="not a folder"):
         Archive(tmp_path / "none")
-    with pytest.raises(InputError, match="use case or folder"):
+    with pytest.raises(InputError, match="known are case, folder"):
         Archive(tmp_path, "robot")
 
 

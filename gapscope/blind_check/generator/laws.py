@@ -514,21 +514,22 @@ def _torque(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Act:
     return act
 
 
+def in_other_units(rows: Columns, unit: str, ratio: float) -> Columns:
+    """Columns of a recording in one of ``UNITS``; the motor's side of a gear of a ratio."""
+    if unit == "milliseconds":
+        return {**rows, "t": 1e3 * rows["t"]}
+    factor = 180.0 / np.pi if unit == "degrees" else ratio
+    out = dict(rows)
+    for name in rows.keys() - {"t", "tau"}:
+        out[name] = rows[name] * factor
+    if unit == "motor_side":
+        out["tau"] = rows["tau"] / ratio
+    return out
+
+
 def _apply_unit(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     unit, ratio = str(values["unit"]), float(values["ratio"])
-
-    def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
-        if unit == "milliseconds":
-            return {**rows, "t": 1e3 * rows["t"]}
-        factor = 180.0 / np.pi if unit == "degrees" else ratio
-        out = dict(rows)
-        for name in rows.keys() - {"t", "tau"}:
-            out[name] = rows[name] * factor
-        if unit == "motor_side":
-            out["tau"] = rows["tau"] / ratio
-        return out
-
-    plant.spoil.append(spoil)
+    plant.spoil.append(lambda rows, rng: in_other_units(rows, unit, ratio))
 
 
 def _apply_shift(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:

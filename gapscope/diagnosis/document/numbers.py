@@ -72,3 +72,14 @@ def numbers_of(entry: Mapping[str, Any]) -> Iterator[Number]:
                 float(value),
                 float(std) if np.isfinite(std) else None,
             )
+
+
+def number_rows(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """A row for each number of each effect of a diagnosis: ``Number``, its effect's probability, share, if named."""
+    # one row per number, so that effects of all kinds have the same columns
+    for section in ("effects", "possible"):
+        for entry in document[section]:
+            more = {key: entry[key] for key in ("probability", "share")}
+            more["named"] = section == "effects"
+            for number in numbers_of(entry):
+                yield {**number._asdict(), **more}
