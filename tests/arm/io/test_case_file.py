@@ -41,55 +41,33 @@ def write(folder: Path, **content: Any) -> Path:
 def test_the_least_case(folder: Path) -> None:
     write(folder)
     case = load_case(folder)
-    assert case.name == case.arm.name == "two" and case.arm.joints == (
-        "shoulder",
-        "elbow",
-    )
+    assert case.name == case.arm.name == "two"
+    assert case.arm.joints == ("shoulder", "elbow")
     assert [recording.name for recording in case.recordings] == ["a.csv"]
-    assert (
-        case.judged == ()
-        and case.controller is None
-        and case.warnings == ()
-        and case.importing is None
-    )
+    assert (case.judged, case.controller) == ((), None)
+    assert (case.warnings, case.importing) == ((), None)
     np.testing.assert_array_equal(case.arm.viscous, [0.5, 0.1])
     np.testing.assert_array_equal(case.arm.coulomb, [0.25, 0])
 
 
+CONTROLLER = {"rate": 1000, "kp": [1, 2], "kd": [3, 4]}
+CONTROLLER |= {"kind": "pd", "velocity_filter": {"cutoff": 80}}
+
+
 def test_a_full_case(folder: Path) -> None:
-    path = write(
-        folder,
-        joints=["elbow", "shoulder"],
-        gravity=[0, 0, 1],
-        nominal={
-            "armature": [1, 2],
-            "viscous": [3, 4],
-            "torque_limit": [5, 6],
-            "encoder": "joint",
-            "encoder_step": 1e-3,
-        },
-        controller={
-            "kind": "pd",
-            "rate": 1000,
-            "kp": [1, 2],
-            "kd": [3, 4],
-            "velocity_filter": {"cutoff": 80},
-        },
-        judge=["b.npz"],
-    )
+    sheet = {"armature": [1, 2], "viscous": [3, 4], "torque_limit": [5, 6]}
+    sheet |= {"encoder": "joint", "encoder_step": 1e-3}
+    arm = {"joints": ["elbow", "shoulder"], "gravity": [0, 0, 1], "nominal": sheet}
+    path = write(folder, **arm, controller=CONTROLLER, judge=["b.npz"])
+    # a number without a decimal point is text to YAML
+    path.write_text(path.read_text().replace("0.001", "1e-3"))
     case = load_case(path)
-    assert (
-        case.arm.joints == ("elbow", "shoulder")
-        and case.arm.encoder == "joint"
-        and case.arm.encoder_step == 1e-3
-    )
+    assert case.arm.joints == ("elbow", "shoulder")
+    assert (case.arm.encoder, case.arm.encoder_step) == ("joint", 1e-3)
     np.testing.assert_array_equal(case.arm.viscous, [3, 4])
     np.testing.assert_array_equal(case.arm.coulomb, [0, 0.25])
-    assert (
-        case.controller is not None
-        and case.controller.velocity_cutoff == 80
-        and case.controller.feedforward == "none"
-    )
+    assert case.controller is not None and case.controller.feedforward == "none"
+    assert case.controller.velocity_cutoff == 80
     assert [recording.name for recording in case.judged] == ["b.npz"]
     assert load_case(path, read_recordings=False).recordings == ()
 
@@ -107,15 +85,10 @@ def test_a_recording_that_is_fitted_is_not_held_out_too(
 
 
 def test_rows_to_fit_and_to_judge(folder: Path) -> None:
-    path = write(
-        folder,
-        **{"import": {"rows": {"fit": [[0, 109], [90, 199]], "judge": [50, 150]}}},
-    )
-    case = load_case(path)
-    assert [(r.name, len(r.t)) for r in case.recordings] == [
-        ("a.csv rows 0-109", 110),
-        ("a.csv rows 90-199", 110),
-    ]
+    rows = {"fit": [[0, 109], [90, 199]], "judge": [50, 150]}
+    case = load_case(write(folder, **{"import": {"rows": rows}}))
+    found = [(r.name, len(r.t)) for r in case.recordings]
+    assert found == [("a.csv rows 0-109", 110), ("a.csv rows 90-199", 110)]
     assert case.judged[0].t[0] == 0.5 and len(case.judged[0].t) == 101
 
 
@@ -154,31 +127,29 @@ def test_refused(content: dict[str, Any], message: str, folder: Path) -> None:
     assert message.format(folder=folder) in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("name: [", "line 1, column 8: is not valid YAML"),
-        ("name: !!timestamp later", "is not valid YAML"),
-        (
-            "name: a\nname: b\n",
-            "line 2, column 1: is not valid YAML: key 'name' is given twice",
-        ),
-        ("", "expected a mapping (key: value), got None"),
-        ("- a\n", "expected a mapping"),
-    ],
-)
-def test_no_case_file_at_all(text: str, message: str, tmp_path: Path) -> None:
-    (tmp_path / "case.yaml").write_text(text)
+LOG = "t,q1\n" + "0.5,1.0\n" * 10_000
+NO_CASES = [
+    ("case.yaml", "name: [", "line 1, column 8: is not valid YAML"),
+    ("case.yaml", "name: !!timestamp later", "is not valid YAML"),
+    ("case.yaml", "name: a\nname: b\n", "line 2, column 1: is not valid YAML: key 'name' is given twice"),
+    ("case.yaml", "", "expected a mapping (key: value), got None"),
+    ("case.yaml", "- a\n", "expected a mapping"),
+    ("metadata.yaml", "rosbag2_bagfile_information: {}", "is a log, and a case was expected"),
+    ("recording.csv", LOG, "is a log"),
+    ("recording.yaml", LOG, "expected a mapping"),
+]  # fmt: skip
+"""A file alone in a folder; the folder is given for a case where that has a case or a bag, or else the file."""
+
+
+@pytest.mark.parametrize(("name", "text", "message"), NO_CASES)
+def test_what_is_no_case_is_refused_and_not_printed_whole(
+    name: str, text: str, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text(text)
+    given = tmp_path / name if name.startswith("recording") else tmp_path
     with pytest.raises(InputError) as caught:
-        load_case(tmp_path)
-    assert message in str(caught.value)
-
-
-def test_a_number_without_a_decimal_point(folder: Path) -> None:
-    write(folder)
-    path = folder / "case.yaml"
-    path.write_text(path.read_text() + "nominal: {encoder_step: 1e-4}\n")
-    assert load_case(path).arm.encoder_step == 1e-4
+        load_case(given)
+    assert message in str(caught.value) and len(str(caught.value)) < 500
 
 
 def test_unsigned_torque_is_a_warning_of_the_case(
@@ -199,72 +170,45 @@ def test_data_root(
 ) -> None:
     path = write(folder, recordings=["${GAPSCOPE_DATA}/a.csv"])
     monkeypatch.setenv("GAPSCOPE_DATA", str(tmp_path / "absent"))
-    with pytest.raises(
-        InputError,
-        match="field recordings: .* is replaced by .*absent, which is not a folder",
-    ):
+    message = "field recordings: .* is replaced by .*absent, which is not a folder"
+    with pytest.raises(InputError, match=message):
         load_case(path)
     assert len(load_case(path, data_root=folder).recordings) == 1
     monkeypatch.setenv("GAPSCOPE_DATA", str(folder))
     assert len(load_case(path).recordings) == 1
 
 
+SHEET = ("joints", "gravity", "armature", "coulomb", "viscous", "torque_limit")
+
+
 def same(one: Case, other: Case) -> None:
     """Everything but the names of files is equal."""
-    for name in (
-        "joints",
-        "gravity",
-        "armature",
-        "coulomb",
-        "viscous",
-        "torque_limit",
-        "encoder",
-        "encoder_step",
-    ):
-        np.testing.assert_array_equal(
-            getattr(one.arm, name), getattr(other.arm, name), err_msg=name
-        )
-    for a, b in zip(
-        (*one.recordings, *one.judged), (*other.recordings, *other.judged), strict=True
-    ):
-        for name in ("stamps", *CHANNELS):
-            np.testing.assert_array_equal(
-                getattr(a, name), getattr(b, name), err_msg=name
-            )
+    pairs = [(one.arm, other.arm, (*SHEET, "encoder", "encoder_step"))]
+    recordings = [(*case.recordings, *case.judged) for case in (one, other)]
+    for a, b in zip(*recordings, strict=True):
+        pairs.append((a, b, ("stamps", *CHANNELS)))
     assert (one.controller is None) == (other.controller is None)
-    if one.controller is not None and other.controller is not None:
-        for name in vars(one.controller):
-            np.testing.assert_array_equal(
-                getattr(one.controller, name),
-                getattr(other.controller, name),
-                err_msg=name,
-            )
+    if one.controller is not None:
+        pairs.append((one.controller, other.controller, (*vars(one.controller),)))
+    for a, b, names in pairs:
+        for name in names:
+            values = getattr(a, name), getattr(b, name)
+            np.testing.assert_array_equal(*values, err_msg=name)
 
 
 def test_write_case(folder: Path, tmp_path: Path) -> None:
     write(
         folder,
         nominal={"armature": [1, 1 / 3], "torque_limit": [5, 6], "encoder_step": 1e-5},
-        controller={
-            "rate": 1000,
-            "kp": [1, 2],
-            "kd": [3, 4],
-            "velocity_filter": {"cutoff": 80},
-        },
+        controller=CONTROLLER,
         judge=["b.npz", "a.csv"],
         **{"import": {"rows": {"fit": [[0, 119], [60, 199]]}}},
     )
-    case = load_case(folder)
-    made = tmp_path / "deeper" / "made"
+    case, made = load_case(folder), tmp_path / "deeper" / "made"
     assert write_case(case, made) == made / "case.yaml"
-    assert sorted(path.name for path in made.iterdir()) == [
-        "a.csv",
-        "a_rows_0_119.csv",
-        "a_rows_60_199.csv",
-        "b.csv",
-        "case.yaml",
-        "robot.urdf",
-    ]
+    logs = ["a.csv", "a_rows_0_119.csv", "a_rows_60_199.csv", "b.csv"]
+    names = sorted(path.name for path in made.iterdir())
+    assert names == [*logs, "case.yaml", "robot.urdf"]
     same(case, load_case(made))
     with pytest.raises(InputError, match="holds a case already"):
         write_case(case, made)
@@ -295,23 +239,3 @@ def test_write_case_without_torque_and_with_equal_names(
     made = Case("silent", folder, case.arm, (silent, silent))
     write_case(made, tmp_path / "made")
     same(made, load_case(tmp_path / "made"))
-
-
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [("recording.csv", "is a log"), ("recording.yaml", "expected a mapping")],
-)
-def test_a_log_given_for_a_case_is_not_printed_whole(
-    name: str, said: str, tmp_path: Path
-) -> None:
-    path = tmp_path / name
-    path.write_text("t,q1\n" + "0.5,1.0\n" * 10_000)
-    with pytest.raises(InputError, match=said) as caught:
-        load_case(path)
-    assert len(str(caught.value)) < 500
-
-
-def test_the_folder_of_a_bag_is_no_case(tmp_path: Path) -> None:
-    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
-    with pytest.raises(InputError, match="is a log, and a case was expected"):
-        load_case(tmp_path)
