@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sweeps import daily
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -49,7 +50,7 @@ FRICTION = [name for name, effect in CATALOGUE.items() if effect.family == "fric
 
 
 @pytest.mark.parametrize("name", FRICTION)
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", daily(ENGINES, "mujoco"))
 def test_friction_takes_energy_out(
     engines, data_sheet_arm: NominalArm, engine: str, name: str
 ) -> None:
