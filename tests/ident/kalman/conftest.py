@@ -24,22 +24,15 @@ def arm():
 @pytest.fixture(scope="session")
 def world(arm):
     """Arm, regressor and recorder."""
-    regressor = Regressor(arm)
     controller = position_controller(arm, CENTRE)
+    limits = urdf_limits(RigidBody(arm), 6.0)._replace(velocity=np.full(3, 1.3))
+    noise = {"encoder_step": 0.0, "encoder_noise": 2e-5, "torque_noise": 0.1}
 
     def recorded(seed, effects=(), duration=8.0):
         rng = np.random.default_rng(seed)
-        limits = urdf_limits(RigidBody(arm), 6.0)._replace(velocity=np.full(3, 1.3))
-        motion = Fourier.random(
-            rng, limits, duration=duration, centre=CENTRE, frequency=0.2
-        )
-        return record(
-            *(arm, effects, motion, controller),
-            duration=duration,
-            rng=rng,
-            encoder_step=0.0,
-            encoder_noise=2e-5,
-            torque_noise=0.1,
-        )
+        how = {"duration": duration, "centre": CENTRE, "frequency": 0.2}
+        motion = Fourier.random(rng, limits, **how)
+        known = (arm, effects, motion, controller)
+        return record(*known, duration=duration, rng=rng, **noise)
 
-    return SimpleNamespace(arm=arm, regressor=regressor, recorded=recorded)
+    return SimpleNamespace(arm=arm, regressor=Regressor(arm), recorded=recorded)
