@@ -5,23 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.simulated_arm import SimulatedArm
-
-
-def _accelerations(engine: SimulatedArm, rng: np.random.Generator, samples: int = 40):
-    """Random states, torques and the accelerations that the engine makes of them."""
-    for _ in range(samples):
-        q, dq = (
-            rng.uniform(-1.5, 1.5, engine.arm.n_joints),
-            rng.uniform(-2, 2, engine.arm.n_joints),
-        )
-        torque = rng.uniform(-40, 40, engine.arm.n_joints)
-        engine.reset(q, dq)
-        engine.step(torque)
-        yield q, dq, torque, (engine.dq - dq) / engine.dt
 
 
 def test_friction_stops_a_moving_joint_and_never_turns_it_round(pendulum) -> None:
@@ -50,16 +35,3 @@ def test_load_friction_sticks_up_to_its_share_of_the_motor_torque(
         for _ in range(100):
             engine.step(np.array([-torque]))
         assert (-np.sign(engine.q[0]) if abs(engine.q[0]) > 1e-6 else 0) == moves
-
-
-def test_columns_in_another_order_and_locked_joints(bare_arm: NominalArm) -> None:
-    """Five of the seven joints, backwards: the others are locked and their mass stays."""
-    arm = NominalArm("part", bare_arm.urdf, tuple(reversed(bare_arm.joints[:5])))
-    body = RigidBody(arm)
-    with SimulatedArm(arm) as engine:
-        for q, dq, torque, ddq in _accelerations(engine, np.random.default_rng(5), 10):
-            np.testing.assert_allclose(
-                body.inverse_dynamics(q[None], dq[None], ddq[None])[0],
-                torque,
-                atol=1e-9,
-            )
