@@ -44,7 +44,7 @@ def test_gymnasium_checker_passes(
     assert [str(w.message) for w in recwarn if "gymnasium" in str(w.filename)] == []
 
 
-@pytest.mark.parametrize("action", ACTION_KINDS)
+@pytest.mark.parametrize("action", daily(ACTION_KINDS, "residual"))
 def test_stable_baselines_checker(
     action: str, recwarn: pytest.WarningsRecorder
 ) -> None:
