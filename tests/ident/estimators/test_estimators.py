@@ -28,7 +28,6 @@ from gapscope.ident.estimators.linear import (
     Estimate,
     Estimator,
     huber,
-    joint_noise,
     maximum_likelihood,
     ordinary_least_squares,
     partial_update,
@@ -155,44 +154,42 @@ def test_held_out_motions_choose_what_another_motion_bears(
     assert np.abs(make(clear, prior).value - TRUTH).max() < 0.02
 
 
-class TestByHand:
-    def test_line_through_three_points(self) -> None:
-        """tau = 1, 2, 4 at w = 1, 2, 3: beta = 17 / 14, residual 21 - 17^2 / 14 = 5 / 14, variance 5 / 28 / 14."""
-        estimate = ordinary_least_squares(column([1.0, 2.0, 3.0], [1.0, 2.0, 4.0]))
-        assert estimate.value[0] == pytest.approx(17 / 14)
-        assert estimate.covariance[0, 0] == pytest.approx(5 / 28 / 14)
-
-    def test_ridge_of_strength_one_halves(self) -> None:
-        """beta = w.tau / (w.w (1 + lambda)); with a prior of 1 the difference to it is halved."""
-        given = column([1.0, 2.0], [3.0, 1.0])
-        assert ridge(given, choice=1.0).value[0] == pytest.approx(0.5)
-        assert ridge(given, np.array([2.0]), 1.0).value[0] == pytest.approx(1.5)
-
-    def test_total_least_squares_of_a_line_is_its_principal_axis(self) -> None:
-        """Points (2, 1), (1, 2), (-1, 1) and (1, -1): A^T A = [[7, 2], [2, 7]], principal axis (1, 1), slope 1."""
-        w, tau = [2.0, 1.0, -1.0, 1.0], [1.0, 2.0, 1.0, -1.0]
-        estimate = total_least_squares(column(w, tau))
-        assert estimate.value[0] == pytest.approx(1.0)
-        assert ordinary_least_squares(column(w, tau)).value[0] == pytest.approx(2 / 7)
-
-    def test_huber_mean_of_a_point_far_off(self) -> None:
-        """Of 0, 1, ..., 10 and 1000 the Huber mean solves sum psi = 0: 5 + k s / 11, s the scale; far below 88."""
-        tau = [*range(11), 1000.0]
-        estimate = huber(_varied(tau))
-        scale = np.median(np.abs(np.array(tau) - estimate.value[0])) / 0.6745
-        assert estimate.value[0] == pytest.approx(5 + 1.345 * scale / 11, rel=1e-4)
-
-
 def column(w: list[float], tau: list[float]) -> Problem:
     """A problem of one joint and one parameter."""
     return problem(np.array(w)[:, None, None], np.array(tau)[:, None])
 
 
-def _varied(tau: list[float]) -> Problem:
-    """A mean as a problem: a column of ones, whose last row is infinitesimally another so that the arm moves."""
-    W = np.ones((len(tau), 1, 1))
-    W[-1] = 1 + 1e-6
-    return problem(W, np.array(tau)[:, None])
+THROUGH = column([1.0, 2.0, 3.0], [1.0, 2.0, 4.0])
+HALVED = column([1.0, 2.0], [3.0, 1.0])
+AXIS = column([2.0, 1.0, -1.0, 1.0], [1.0, 2.0, 1.0, -1.0])
+BY_HAND: dict[str, tuple[Estimator, Problem, float]] = {
+    # beta = 17 / 14, residual 21 - 17^2 / 14 = 5 / 14
+    "line": (ordinary_least_squares, THROUGH, 17 / 14),
+    # beta = w.tau / (w.w (1 + lambda)); with a prior of 2 the difference to it is halved
+    "ridge": (partial(ridge, choice=1.0), HALVED, 0.5),
+    "ridge about 2": (partial(ridge, prior=np.array([2.0]), choice=1.0), HALVED, 1.5),
+    # A^T A = [[7, 2], [2, 7]], principal axis (1, 1), slope 1
+    "total least squares": (total_least_squares, AXIS, 1.0),
+    "of the same points": (ordinary_least_squares, AXIS, 2 / 7),
+}
+
+
+@pytest.mark.parametrize("name", BY_HAND)
+def test_values_by_hand(name: str) -> None:
+    estimator, given, expected = BY_HAND[name]
+    found = estimator(given)
+    assert found.value[0] == pytest.approx(expected)
+    if name == "line":
+        assert found.covariance[0, 0] == pytest.approx(5 / 28 / 14)
+
+
+def test_huber_mean_of_a_point_far_off() -> None:
+    """Of 0, 1, ..., 10 and 1000 the Huber mean solves sum psi = 0: 5 + k s / 11, s the scale; far below 88."""
+    tau = np.array([*range(11), 1000.0])
+    # the last row is infinitesimally another so that the arm moves
+    found = huber(column([*[1.0] * 11, 1 + 1e-6], tau)).value[0]
+    scale = np.median(np.abs(tau - found)) / 0.6745
+    assert found == pytest.approx(5 + 1.345 * scale / 11, rel=1e-4)
 
 
 REFUSED = {
@@ -305,18 +302,6 @@ def test_with_noise_other_torque_is_predicted_better_than_without_constraints(
     assert own < 0.7 * plain
 
 
-@EACH_BODIES
-def test_parameters_that_data_tell_lie_within_their_stated_errors(
-    small: Small, bodies: Bodies
-) -> None:
-    """Friction and offsets, 9 of them: none further off than four deviations."""
-    found = near(small, bodies)(small.sampled(1.0, 400))
-    truth = small.base.of(small.regressor.nominal())
-    told = [name[0] in "bco" for name in small.base.kept_names]
-    scaled = ((found.value - truth) / found.deviation)[told]
-    assert sum(told) == 9 and np.abs(scaled).max() < 4.0
-
-
 def test_a_prior_that_is_no_body_and_another_unit_are_said(small: Small) -> None:
     given, prior = small.sampled(0.1), small.regressor.nominal()
     wrong = replace(given, torque=1e3 * given.torque)
@@ -397,39 +382,3 @@ def test_one_parameter_by_hand() -> None:
     found, expected = estimate.value[0], (1 + 27 / variance) / (1 + 9 / variance)
     assert found == pytest.approx(expected, rel=1e-4)
     assert estimate.covariance[0, 0] == pytest.approx(1 / (1 + 9 / variance), rel=1e-4)
-
-
-# Least squares on triangles of each joint, against least squares on the equations themselves.
-
-
-BETA = np.array([2.0, -1.0, 0.5, 3.0])
-
-
-@pytest.fixture
-def drawn() -> Problem:
-    """Three joints, the last of which the first two parameters do not move, in three groups."""
-    rng = np.random.default_rng(4)
-    matrix = rng.normal(size=(90, 3, 4))
-    matrix[:, 2, :2] = 0.0
-    noise = rng.normal(size=(90, 3)) * np.array([0.1, 1.0, 5.0])
-    group = np.repeat(np.arange(3), 30)
-    return Problem(
-        matrix, matrix @ BETA + noise, tuple("abcd"), group, np.full(90, 0.01)
-    )
-
-
-def test_the_estimate_is_that_of_weighted_equations(
-    drawn: Problem,
-) -> None:
-    """By numpy's least squares, with the noise of the rounds before."""
-    found = weighted_least_squares(drawn)
-    matrix, torque = drawn.stacked()
-    beta = np.linalg.lstsq(matrix, torque, rcond=None)[0]
-    for _ in range(2):
-        weight = np.tile(1.0 / joint_noise(drawn, beta), 90)
-        weighed = matrix * weight[:, None], torque * weight
-        beta, rest, _, _ = np.linalg.lstsq(*weighed, rcond=None)
-    np.testing.assert_allclose(found.value, beta)
-    precision = weighed[0].T @ weighed[0]
-    covariance = rest[0] / (270 - 4) * np.linalg.inv(precision)
-    np.testing.assert_allclose(found.covariance, covariance)
