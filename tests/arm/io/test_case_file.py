@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import yaml
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import Case, case_files, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case, write_recording
+from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.recording import CHANNELS, Recording
 
 CONTENT: dict[str, Any] = {
@@ -24,10 +25,12 @@ CONTENT: dict[str, Any] = {
 
 @pytest.fixture
 def folder(tmp_path: Path, urdf: Path, recording: Recording) -> Path:
-    """A folder with a URDF and two recordings, but no case file yet."""
+    """A folder with a URDF and three recordings, but no case file yet."""
     assert recording.tau is not None
     write_recording(recording, tmp_path / "a.csv")
     write_recording(replace(recording, tau=-recording.tau), tmp_path / "b.npz")
+    (tmp_path / "more").mkdir()
+    write_recording(replace(recording, q=recording.q / 2), tmp_path / "more" / "c.npz")
     return tmp_path
 
 
@@ -92,7 +95,26 @@ def test_rows_to_fit_and_to_judge(folder: Path) -> None:
     assert case.judged[0].t[0] == 0.5 and len(case.judged[0].t) == 101
 
 
+BODY = {"mass": 2.0, "com": [0.0, 0.0, 0.05]}
+LOAD = KnownLoad(2.0, (0.0, 0.0, 0.05))
+INFINITE, NONE = float("inf"), float("nan")
+LOADS: list[tuple[Any, str]] = [
+    ({"a.cvs": BODY}, ": no recording is called 'a.cvs'\n  remedy: did you mean a.csv?"),
+    ({"xyz": BODY}, ": no recording is called 'xyz'\n  remedy: name one of recordings: or judge:, a.csv"),
+    ({"a.csv": BODY | {"mass": -2}}, ".a.csv.mass: expected a number of at least 0, got -2"),
+    ({"a.csv": BODY | {"mass": INFINITE}}, ".a.csv, mass: a payload of inf kg is none"),
+    ({"a.csv": BODY | {"mass": NONE}}, ".a.csv, mass: a payload of nan kg is none"),
+    ({"a.csv": BODY | {"mass": "2 kg"}}, ".a.csv.mass: expected a number, got '2 kg'"),
+    ({"a.csv": BODY | {"com": [0.0, 0.0]}}, ".a.csv.com: expected at least 3 entries, got 2"),
+    ({"a.csv": BODY | {"com": [0, 0, NONE]}}, ".a.csv, com: the centre of the payload needs"),
+    ({"a.csv": {"mass": 2.0}}, ".a.csv: lacks the key 'com'"),
+    ({"a.csv": BODY | {"inertia": 1}}, ".a.csv: unknown key 'inertia'"),
+    ({"a.csv": 2.0}, ".a.csv: expected a mapping (key: value), got 2.0"),
+    (["a.csv"], ": expected a mapping (key: value) or nothing, got ['a.csv']"),
+]  # fmt: skip
+"""Known payloads."""
 BAD: list[tuple[dict[str, Any], str]] = [
+    *(({"payloads": loads}, f"field payloads{message}") for loads, message in LOADS),
     ({"recording": ["a.csv"]}, "case.yaml: unknown key 'recording'\n  remedy: did you mean recordings?"),
     ({"recordings": "a.csv"}, "field recordings: expected a list, got 'a.csv'"),
     ({"recordings": []}, "field recordings: "),
@@ -239,3 +261,49 @@ def test_write_case_without_torque_and_with_equal_names(
     made = Case("silent", folder, case.arm, (silent, silent))
     write_case(made, tmp_path / "made")
     same(made, load_case(tmp_path / "made"))
+
+
+# Known payloads.
+
+
+TWO = {"recordings": ["a.csv", "b.npz"], "judge": ["more/c.npz"]}
+
+
+def test_recordings_carry_what_the_case_says(folder: Path) -> None:
+    write(folder, payloads={"b.npz": BODY, "more/c.npz": BODY | {"mass": 0}}, **TWO)
+    case = load_case(folder)
+    assert [r.payload for r in case.recordings] == [None, LOAD]
+    assert case.judged[0].payload == KnownLoad(0.0, LOAD.com)
+    assert case.payload_of(folder / "more" / ".." / "b.npz") == LOAD
+    assert case.payload_of(folder / "a.csv") is None
+    assert load_case(folder, read_recordings=False).payloads == case.payloads
+    assert set(case_files(folder)) >= {folder / "b.npz"}
+    # every part of a recording carries it
+    rows = {"rows": {"fit": [[0, 120]], "judge": [60, 199]}}
+    write(folder, payloads={"b.npz": BODY}, **TWO, **{"import": rows})
+    case = load_case(folder)
+    assert [r.payload for r in case.recordings] == [None, LOAD]
+    assert [r.payload for r in case.judged] == [None, LOAD, None]
+
+
+def test_files_side_by_side_may_be_named_by_any_of_them(folder: Path) -> None:
+    entry = {"motion": "a.csv", "force": "b.npz"}
+    columns = {"q": ("motion", "q{j}"), "tau": ("force", "tau{j}")}
+    importing = {k: {"file": x, "column": y} for k, (x, y) in columns.items()}
+    more = {"recordings": [entry], "import": {"join": "row", **importing}}
+    for name in entry.values():
+        write(folder, payloads={name: BODY}, **more)
+        assert load_case(folder).recordings[0].payload == LOAD
+
+
+def test_payloads_are_written_and_read_back(folder: Path) -> None:
+    write(folder, payloads={"b.npz": BODY, "more/c.npz": BODY}, **TWO)
+    again = load_case(write_case(load_case(folder), folder / "again"))
+    assert [r.payload for r in again.recordings] == [None, LOAD]
+    assert again.judged[0].payload == LOAD
+    plain = write_case(load_case(folder / "again"), folder / "third", ending="npz")
+    assert list(yaml.safe_load(plain.read_text())["payloads"]) == ["b.npz", "c.npz"]
+    # a case without any is written without the section
+    write(folder, **TWO)
+    bare = write_case(load_case(folder), folder / "bare")
+    assert "payloads" not in yaml.safe_load(bare.read_text())
