@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import motion_of, swinging
 from guard import HANG
 from sweeps import daily
 
 from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
@@ -61,13 +61,10 @@ def test_without_effects_it_is_pinocchios_inverse_dynamics(
 
 def _follow(arm: NominalArm, effects: tuple, engine: str) -> np.ndarray:
     """Positions over three seconds under a controller."""
-    body, speed = RigidBody(arm), np.full(arm.n_joints, 1.2)
-    limits = urdf_limits(body, 5.0)._replace(velocity=speed)
-    how = {"duration": 3.0, "centre": POSTURE, "frequency": 0.3}
-    motion = Fourier.random(np.random.default_rng(1), limits, **how)
-    t = np.arange(0.0, 3.0, 1e-3)
-    q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
-    torque = feedforward(arm, body, "nominal", q, dq, ddq)
+    rng, t = np.random.default_rng(1), np.arange(0.0, 3.0, 1e-3)
+    motion = motion_of(swinging(arm, rng, POSTURE, duration=3.0, frequency=0.3), t)
+    q, dq, ddq = motion.q, motion.dq, motion.ddq
+    torque = feedforward(arm, RigidBody(arm), "nominal", q, dq, ddq)
     law, out = position_controller(arm, POSTURE), np.empty_like(q)
     with SimulatedArm(arm, effects, 1e-3, engine=engine) as simulated:
         simulated.start(q[0], dq[0])

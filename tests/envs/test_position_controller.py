@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import Link, changed, written
+from sweeps import nightly
 
 from gapscope.arm.case import Case
 from gapscope.arm.control import PD
@@ -41,7 +42,9 @@ def test_gains_hold_along_the_whole_motion() -> None:
     assert (whole <= one * (1 + 1e-9)).all() and whole.min() > 0
 
 
-@pytest.mark.parametrize(("robot", "seed"), [("franka_panda", 1), ("kuka_iiwa", 3)])
+@pytest.mark.parametrize(
+    ("robot", "seed"), [("franka_panda", 1), nightly("kuka_iiwa", 3)]
+)
 @pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
 def test_healthy_arms_without_a_data_sheet_are_recorded(robot: str, seed: int) -> None:
     """Seeds that diverged with gains on the inertia of one posture."""

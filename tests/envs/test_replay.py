@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import swinging
 from sweeps import daily
 
 from gapscope.arm.case import load_case
@@ -15,7 +16,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.known_load import KnownLoad
-from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import RULES, VelocityFilter, rule_of
@@ -41,11 +41,8 @@ def _recorded(
     arm: NominalArm, effects: tuple[AppliedEffect, ...], controller: Controller
 ) -> Recording:
     """Three seconds of a smooth motion of the arm with effects."""
-    speed = np.full(arm.n_joints, 1.2)
-    limits = urdf_limits(RigidBody(arm), acceleration=5.0)._replace(velocity=speed)
-    how = {"duration": 3.0, "centre": POSTURE, "frequency": 0.4}
-    motion = Fourier.random(np.random.default_rng(0), limits, **how)
-    rng = np.random.default_rng(0)
+    motion_rng, rng = (np.random.default_rng(0) for _ in "ab")
+    motion = swinging(arm, motion_rng, POSTURE, duration=3.0, frequency=0.4)
     return record(arm, effects, motion, controller, duration=3.0, rng=rng)
 
 

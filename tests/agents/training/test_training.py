@@ -34,6 +34,7 @@ from .conftest import rod, short
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
+SHORT, ROUNDS = short(steps=256), short(steps=256, round_steps=128)
 PAYLOAD = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.5, 0.0, 0.0]})
 
 
@@ -124,7 +125,7 @@ def test_the_untrained_agent_does_nothing(
 def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
     task: Task, algorithm: str, tmp_path: Path
 ) -> None:
-    settings = short(algorithm)
+    settings = short(algorithm, steps=256, round_steps=128)
     whole = Training(task, settings, tmp_path / "whole").run()
     Training(task, settings, tmp_path / "parts").run(rounds=1)
     resumed = Training(task, settings, tmp_path / "parts").run()
@@ -134,14 +135,14 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
 
 def test_hidden_effects_do_not_reach_training(arm: NominalArm, tmp_path: Path) -> None:
     for name, hidden in (("none", ()), ("payload", (PAYLOAD,))):
-        Training(Task.of("pd", arm, hidden), short(), tmp_path / name).run()
+        Training(Task.of("pd", arm, hidden), ROUNDS, tmp_path / name).run()
     same(tmp_path / "none", tmp_path / "payload")
 
 
 def test_training_ends_early_for_want_of_improvement(
     task: Task, tmp_path: Path
 ) -> None:
-    settings = short(steps=2048, patience=1, improvement=1.0)
+    settings = short(steps=1024, round_steps=128, patience=1, improvement=1.0)
     trained = Training(task, settings, tmp_path).run()
     assert trained.stopped and len(trained.curve) == 2 and trained.best == 0
 
@@ -149,7 +150,7 @@ def test_training_ends_early_for_want_of_improvement(
 def test_a_checkpoint_cut_short_or_of_other_settings_is_refused(
     task: Task, tmp_path: Path
 ) -> None:
-    Training(task, short(steps=256), tmp_path).run()
+    Training(task, SHORT, tmp_path).run()
     with pytest.raises(InputError, match="another steps"):
         Training(task, short(steps=512), tmp_path).run()
     found = read_checkpoint(tmp_path / CHECKPOINTS)
@@ -157,7 +158,7 @@ def test_a_checkpoint_cut_short_or_of_other_settings_is_refused(
     file = found[0] / WEIGHTS
     file.write_bytes(file.read_bytes()[:-100])
     with pytest.raises(InputError, match=r"cut short(.|\n)*--again"):
-        Training(task, short(steps=256), tmp_path).run()
+        Training(task, SHORT, tmp_path).run()
 
 
 @pytest.mark.parametrize("name", ["stable_baselines3", "torch"])
@@ -173,7 +174,7 @@ def test_an_agent_is_read_back_and_checked(
     task: Task, arm: NominalArm, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    settings = short(steps=256)
+    settings = SHORT
     trained = Training(task, settings, out).run()
     write_agent(task, trained, out)
     agent, env = read_agent(out, arm), task.simulator(settings)

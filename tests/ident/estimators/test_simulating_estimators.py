@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import iiwa_of_three
+from cases import swinging
 from problems import Assembly
 from sweeps import daily
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.known_load import KnownLoad
-from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.position_controller import position_controller
@@ -57,8 +56,8 @@ def world(arm):
 
 def recorded(arm, controller, seed, noise=0.0, torque_noise=0.0):
     rng = np.random.default_rng(seed)
-    limits = urdf_limits(RigidBody(arm), 6.0)._replace(velocity=np.full(3, 1.5))
-    motion = Fourier.random(rng, limits, duration=5.0, centre=CENTRE, frequency=0.25)
+    limits = {"speed": 1.5, "acceleration": 6.0, "frequency": 0.25}
+    motion = swinging(arm, rng, CENTRE, duration=5.0, **limits)
     noise = {"encoder_step": 0.0, "encoder_noise": noise, "torque_noise": torque_noise}
     return record(arm, EFFECTS, motion, controller, duration=5.0, rng=rng, **noise)
 
