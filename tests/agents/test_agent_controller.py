@@ -38,20 +38,28 @@ def _control(arm: NominalArm, kind: str) -> Control:
 
 
 def _agent(arm: NominalArm, policy: Noting, kind: str = "residual") -> AgentModel:
-    how = _control(arm, kind), LOOK_AHEAD, 0.02, "none"
-    return AgentModel(policy, Gravity(arm), *how)
+    return AgentModel(
+        policy, Gravity(arm), _control(arm, kind), LOOK_AHEAD, 0.02, "none"
+    )
 
 
 @pytest.mark.parametrize("kind", ["residual", "scale", "gains", "torque"])
 def test_it_moves_an_arm_as_the_environment_does(two: NominalArm, kind: str) -> None:
     """The same policy, gains and motion: observations and positions agree."""
     size = {"scale": 4, "gains": 1}.get(kind, 2)
-    rng, space = np.random.default_rng(1), workspace(RigidBody(two))
-    motion = draw_motion("fourier", rng, space, 1.0)
+    reach = REACH if kind == "residual" else None
+    motion = draw_motion(
+        "fourier", np.random.default_rng(1), workspace(RigidBody(two)), 1.0
+    )
     here, there = Noting(size, 0.3), Noting(size, 0.3)
-    options = {"action": kind, "bandwidth": BANDWIDTH, "episode_length": 0.6}
-    options["action_reach"] = REACH if kind == "residual" else None
-    env = ArmTracking(two, feedforward=Gravity(two), **options)
+    env = ArmTracking(
+        two,
+        action=kind,
+        feedforward=Gravity(two),
+        action_reach=reach,
+        bandwidth=BANDWIDTH,
+        episode_length=0.6,
+    )
     observation, _ = env.reset(seed=0, options={"motion": motion})
     for _ in range(30):
         observation, *_ = env.step(there(observation))
@@ -75,15 +83,20 @@ def test_it_moves_an_arm_as_the_environment_does(two: NominalArm, kind: str) -> 
 
 def test_an_agent_that_does_nothing_is_its_model(two: NominalArm) -> None:
     """Torque for torque, and again after another run."""
-    how = {"seeds": (0,), "duration": 1.0, "disturbances": ("none",)}
-    plan = EvaluationPlan(motions=("fourier",), **how)
-    bench, agent = TrackingBench(two, (), plan), _agent(two, Noting(2, 0.0))
-    models = Gravity(two), agent, replace(agent, policy=Noting(2))
-    alone, still, acting = (
-        bench.episodes("m", model, plan.engines[0], 0)[0] for model in models
+    plan = EvaluationPlan(
+        motions=("fourier",), seeds=(0,), duration=1.0, disturbances=("none",)
+    )
+    bench = TrackingBench(two, (), plan)
+    agent = _agent(two, Noting(2, 0.0))
+    ((alone,), (with_agent,)) = (
+        bench.episodes("m", model, plan.engines[0], 0)
+        for model in (Gravity(two), agent)
     )
     # the last bit of a sum may differ between two runs, and an episode lets it grow
     for name in (*Measures._fields, "torque_error"):
-        near = {"rtol": 1e-6, "atol": 1e-9, "err_msg": name}
-        np.testing.assert_allclose(still[name], alone[name], **near)
+        np.testing.assert_allclose(
+            with_agent[name], alone[name], rtol=1e-6, atol=1e-9, err_msg=name
+        )
+    own = replace(agent, policy=Noting(2))
+    acting = bench.episodes("m", own, plan.engines[0], 0)[0]
     assert acting["joint_error"] > alone["joint_error"]

@@ -81,10 +81,14 @@ def test_inverse_dynamics_tracks_an_arm_without_effects_within_a_milliradian(
     model, tuning = ArmModel(CorrectedArm(arm)), Tuning(4.0)
     limit = np.asarray(arm.torque_limit)
     inertia = np.diag(body.mass_matrix(space.posture)) + arm.armature
-    outside = Feedforward(tuning.gains(inertia), limit, model)
-    controller = ComputedTorque(tuning, limit, model) if computed else outside
-    motion = draw_motion("fourier", np.random.default_rng(5), space, 2.0)
-    course = SampledReference.of(motion, 2.0, 1e-3).planned(controller)
+    controller = (
+        ComputedTorque(tuning, limit, model)
+        if computed
+        else Feedforward(tuning.gains(inertia), limit, model)
+    )
+    course = SampledReference.of(
+        draw_motion("fourier", np.random.default_rng(5), space, 2.0), 2.0, 1e-3
+    ).planned(controller)
     with SimulatedArm(arm, encoder_step=arm.encoder_step) as simulated:
         done = track(simulated, controller, course)
     assert not done.diverged and len(done.t) == 2000 and done.t[0] == pytest.approx(0.0)

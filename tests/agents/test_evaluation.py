@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench, evaluate
 from gapscope.agents.models import (
@@ -26,7 +25,9 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 
 HIDDEN = (
-    AppliedEffect("payload", (), {"mass": 2.0, "com": [0.4, 0.0, 0.0]}),
+    AppliedEffect(
+        "payload", (), {"mass": np.array(2.0), "com": np.array([0.4, 0.0, 0.0])}
+    ),
     AppliedEffect("viscous_friction", (1, 2), {"coefficient": [4.0, 3.0]}),
 )
 SHORT = EvaluationPlan(("fourier",), ("none", "push"), (0, 1), ("pybullet",), 2.0)
@@ -35,63 +36,79 @@ SHORT = EvaluationPlan(("fourier",), ("none", "push"), (0, 1), ("pybullet",), 2.
 def test_measures_by_hand(pendulum: NominalArm) -> None:
     """An error of 0.01 rad halves the tracking reward; 1 m from the base it is 10 mm, but the tool is the link's."""
     arm = replace(pendulum, torque_limit=np.array([10.0]))
-    body, t = RigidBody(arm), np.arange(1000) * 1e-3
-    tau, zero = np.linspace(0.0, 5.0, 1000)[:, None], np.zeros((1000, 1))
-    run = TrackingRun(t, zero, zero + 0.01, tau, False)
-    measured = TrackingMetrics(arm, body, workspace(body))(run, 1e-3, 1.0)
+    body = RigidBody(arm)
+    t = np.arange(1000) * 1e-3
+    tau = np.linspace(0.0, 5.0, 1000)[:, None]
+    measured = TrackingMetrics(arm, body, workspace(body))(
+        TrackingRun(t, np.zeros((1000, 1)), np.full((1000, 1), 0.01), tau, False),
+        1e-3,
+        1.0,
+    )
     assert measured.joint_error == pytest.approx(0.01)
     assert measured.torque_rate == pytest.approx(5.0 * 1000 / 999)
     load, jump = np.mean((tau / 10) ** 2), 20 * 5 / 999 / 10
-    reward = 49 / 50 * (0.5 - 0.1 * load - 0.05 * jump**2)
-    assert measured.reward == pytest.approx(reward, abs=3e-3)
+    assert measured.reward == pytest.approx(
+        49 / 50 * (0.5 - 0.1 * load - 0.05 * jump**2), abs=3e-3
+    )
 
 
 def test_a_better_model_tracks_better(two: NominalArm) -> None:
-    bench, said = TrackingBench(two, HIDDEN, SHORT), []
+    bench = TrackingBench(two, HIDDEN, SHORT)
     models = {
         "pd": None,
         "gravity": Gravity(two),
         "nominal": ArmModel(CorrectedArm(two)),
         "truth": ArmModel(CorrectedArm(two, HIDDEN)),
     }
+    said: list[str] = []
     evaluation = evaluate(models, bench, said.append)
     every = summarise(evaluation)
     assert [line.disturbance for line in every] == ["none"] * 4 + ["push"] * 4
     lines = {line.model: line for line in every[:4]}
-    assert list(lines) == list(models)
-    assert (len(evaluation.episodes), len(said)) == (16, 12)
-    pd, _, nominal, truth = (lines[name].means for name in models)
-    errors = [means["joint_error"].value for means in (truth, nominal, pd)]
-    assert errors[0] < 0.2 * errors[1] < 0.2 * errors[2]
-    assert truth["torque_error"].value == pytest.approx(0.0)
-    assert pd["torque_error"].value > 0.5
-    assert truth["reward"].value > nominal["reward"].value
-    calm, pushed = (
-        [
-            episode["joint_error"]
-            for episode in evaluation.episodes
-            if (episode["model"], episode["disturbance"]) == ("truth", disturbance)
-        ]
-        for disturbance in ("none", "push")
+    assert (
+        list(lines) == list(models)
+        and len(evaluation.episodes) == 16
+        and len(said) == 12
     )
+    errors = [lines[name].means["joint_error"].value for name in models]
+    assert errors[3] < 0.2 * errors[2] < 0.2 * errors[0]
+    assert (
+        lines["truth"].means["torque_error"].value == pytest.approx(0.0)
+        and lines["pd"].means["torque_error"].value > 0.5
+    )
+    assert lines["truth"].means["reward"].value > lines["nominal"].means["reward"].value
+    pushed = [
+        e["joint_error"]
+        for e in evaluation.episodes
+        if e["model"] == "truth" and e["disturbance"] == "push"
+    ]
+    calm = [
+        e["joint_error"]
+        for e in evaluation.episodes
+        if e["model"] == "truth" and e["disturbance"] == "none"
+    ]
     assert min(pushed) > max(calm)
     correlation = relation(every)
     assert correlation is not None and correlation > 0.7
-    (margin,) = {line.margin for line in lines.values()}  # one loop
-    assert margin > 4.0 and not any(line.diverged for line in lines.values())
-    alone = evaluate({"nominal": models["nominal"]}, TrackingBench(two, HIDDEN, SHORT))
-    same = [e for e in evaluation.episodes if e["model"] == "nominal"]
-    assert alone.episodes == same
+    margins = {line.margin for line in lines.values()}
+    assert len(margins) == 1 and next(iter(margins)) > 4.0  # one loop
+    assert not any(line.diverged for line in lines.values())
+    again = evaluate(
+        {"nominal": models["nominal"]}, TrackingBench(two, HIDDEN, SHORT)
+    ).episodes
+    assert again == [e for e in evaluation.episodes if e["model"] == "nominal"]
 
 
 def test_an_arm_that_runs_away_counts_as_diverged(two: NominalArm) -> None:
     free = replace(two, torque_limit=np.full(2, 1e6))
     delay = AppliedEffect("actuator_delay", (1, 2), {"delay": [0.03, 0.03]})
-    plan = replace(SHORT, tuning=Tuning(40.0), disturbances=("none",))
-    bench = TrackingBench(free, (delay,), plan)
-    for seed in (0, 1):
-        (episode,) = bench.episodes("pd", None, "pybullet", seed)
-        assert episode["diverged"] and episode["joint_error"] == np.inf
+    bench = TrackingBench(
+        free, (delay,), replace(SHORT, tuning=Tuning(40.0), disturbances=("none",))
+    )
+    episodes = [
+        e for seed in (0, 1) for e in bench.episodes("pd", None, "pybullet", seed)
+    ]
+    assert all(e["diverged"] and e["joint_error"] == np.inf for e in episodes)
 
 
 def test_computed_torque_needs_a_model_with_inertia(two: NominalArm) -> None:
@@ -126,23 +143,15 @@ def test_straight_lines_need_three_joints_and_a_push_no_other_force(
         TrackingBench(two, (AppliedEffect("external_force", (), values),), SHORT)
 
 
-NAMES = {
-    "pd": ("pd", "pd"),
-    "mine=a/b.yaml": ("mine", "a/b.yaml"),
-    "out/arm_7/corrected.yaml": ("arm_7", "out/arm_7/corrected.yaml"),
-    "out/stiff.yaml": ("stiff", "out/stiff.yaml"),
-}
-
-
 def test_names_of_models() -> None:
-    assert {entry: named(entry) for entry in NAMES} == NAMES
-
-
-def entry_of(effect: str, joint: int, **values: float) -> str:
-    """A corrected.yaml of one effect."""
-    entry = {"effect": effect, "joints": [joint]}
-    entry["parameters"] = {key: [value] for key, value in values.items()}
-    return yaml.safe_dump({"schema": 1, "effects": [entry]})
+    assert named("pd") == ("pd", "pd") and named("mine=a/b.yaml") == (
+        "mine",
+        "a/b.yaml",
+    )
+    assert (
+        named("out/arm_7/corrected.yaml")[0] == "arm_7"
+        and named("out/stiff.yaml")[0] == "stiff"
+    )
 
 
 def _no_agent(folder: Path, arm: NominalArm) -> AgentModel:
@@ -150,13 +159,16 @@ def _no_agent(folder: Path, arm: NominalArm) -> AgentModel:
 
 
 def test_models_of_files(two: NominalArm, tmp_path: Path) -> None:
-    file = tmp_path / "found.yaml"
-    file.write_text(entry_of("viscous_friction", 2, coefficient=3.0))
-    models = read_models(["pd", "gravity", "nominal", str(file)], two, _no_agent)
-    assert list(models) == ["pd", "gravity", "nominal", "found"]
+    text = "schema: 1\neffects:\n  - {effect: viscous_friction, joints: [2], parameters: {coefficient: [3.0]}}\n"
+    (tmp_path / "found.yaml").write_text(text)
+    entries = ["pd", "gravity", "nominal", str(tmp_path / "found.yaml")]
+    models = read_models(entries, two, _no_agent)
+    assert (
+        list(models) == ["pd", "gravity", "nominal", "found"] and models["pd"] is None
+    )
     fast = (np.zeros(2), np.ones(2), np.zeros(2))
-    pd, nominal, found = (models[name] for name in ("pd", "nominal", "found"))
-    assert pd is None and nominal is not None and found is not None
+    nominal, found = models["nominal"], models["found"]
+    assert nominal is not None and found is not None
     np.testing.assert_allclose(found(*fast) - nominal(*fast), [0.0, 3.0], atol=1e-9)
     with pytest.raises(InputError, match="two models"):
         read_models(["pd", "pd"], two, _no_agent)
@@ -169,7 +181,11 @@ def test_models_of_files(two: NominalArm, tmp_path: Path) -> None:
         ("none.json", None, "no such file"),
         ("bad.json", "{", "not valid JSON"),
         ("bare.json", "{}", "names no files"),
-        ("far.yaml", entry_of("coulomb_friction", 7, torque=1.0), "7"),
+        (
+            "far.yaml",
+            "schema: 1\neffects:\n  - {effect: coulomb_friction, joints: [7], parameters: {torque: [1]}}\n",
+            "7",
+        ),
         ("odd.txt", "", "unknown model"),
     ],
 )

@@ -221,9 +221,14 @@ def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
     out, cases = tmp_path / "out", [sick, healthy]
     command = [sys.executable, "-m", "gapscope", "diagnose", *map(str, cases)]
     command += ["--out", str(out), "--jobs", jobs]
-    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    group = {"start_new_session": True, "preexec_fn": heeding_interrupts}
-    running = subprocess.Popen(command, **piped, **group)
+    running = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=heeding_interrupts,
+    )
     end = time.monotonic() + HANG
     while not texts(out) and time.monotonic() < end and running.poll() is None:
         time.sleep(0.01)

@@ -22,16 +22,18 @@ IIWA = load_nominal_arm("kuka_iiwa").urdf
 
 
 def _entry(name: str, parameters: dict, joints: list[int] | None = None) -> dict:
-    where = {} if joints is None else {"joints": joints}
-    return {"effect": name, "parameters": parameters} | where
+    return {"effect": name, "parameters": parameters} | (
+        {} if joints is None else {"joints": joints}
+    )
 
 
 def _file(tmp_path: Path, *entries: dict) -> Path:
     """A file of effects, the first of which is at fault neither here nor there."""
     path = tmp_path / "corrected.yaml"
     harmless = _entry("actuator_delay", {"delay": [0.002]}, [1])
-    content = {"schema": 1, "effects": [harmless, *entries]}
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    path.write_text(
+        yaml.safe_dump({"schema": 1, "effects": [harmless, *entries]}, sort_keys=False)
+    )
     return path
 
 
@@ -43,59 +45,58 @@ def _run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str]:
 
 
 def _record(
-    capsys: pytest.CaptureFixture, robot: object, effects: Path
+    capsys: pytest.CaptureFixture, robot: object, effects: Path, *options: object
 ) -> tuple[int, str]:
-    out = ("--effects", effects, "--out", effects.parent / "case")
-    short = ("--recordings", 1, "--duration", 1.0, "--seed", 1)
-    return _run(capsys, "record", robot, *out, *short)
+    short = (
+        "--recordings",
+        1,
+        "--duration",
+        1.0,
+        "--seed",
+        1,
+        "--out",
+        effects.parent / "case",
+    )
+    return _run(capsys, "record", robot, "--effects", effects, *short, *options)
 
 
 ROTOR = _entry("armature", {"inertia": [1e-3]}, [2])
-NOWHERE = {"link": 9, "mass": 1.0, "com": [0, 0, 0]}
-LESS = {"mass": -3.0, "com": [0, 0, 0]}
-
-
-def _spring(name: str = "stiffness", value: float = 1e4) -> dict:
-    return _entry("joint_elasticity", {name: [value], "damping": [0.0]}, [2])
-
-
-def _dry(torque: float, joint: int) -> dict:
-    return _entry("coulomb_friction", {"torque": [torque]}, [joint])
-
-
 EFFECTS = {
     "joint that does not exist": (
-        [_dry(1.0, 9)],
+        [_entry("coulomb_friction", {"torque": [1.0]}, [9])],
         "effects[1], coulomb_friction: joint 9 of an arm with 7 joints",
         "joints count from 1 to 7",
     ),
     "link that does not exist": (
-        [_entry("link_inertia", NOWHERE)],
+        [_entry("link_inertia", {"link": 9, "mass": 1.0, "com": [0, 0, 0]})],
         "effects[1], link_inertia: joint 9 of an arm with 7 joints",
         "a link has the number of the joint that moves it",
     ),
     "payload that leaves a negative mass": (
-        [_entry("payload", LESS)],
+        [_entry("payload", {"mass": -3.0, "com": [0, 0, 0]})],
         "effects[1], payload: the link moved by joint 7 (lbr_iiwa_joint_7) has mass -2.7 kg",
         "an increment that leaves the link's mass and inertia above zero",
     ),
     "friction that feeds energy in": (
-        [_dry(-5.0, 3)],
+        [_entry("coulomb_friction", {"torque": [-5.0]}, [3])],
         "effects[1], coulomb_friction: nominal value plus effect is -5 N m at joint 3",
         "zero or above",
     ),
     "stiffness that the step cannot hold": (
-        [ROTOR, _spring(value=1e7)],
+        [
+            ROTOR,
+            _entry("joint_elasticity", {"stiffness": [1e7], "damping": [0.0]}, [2]),
+        ],
         "effects[2], joint_elasticity.stiffness: the stiffness or damping about joint 2 moves at",
         "a lower stiffness or damping, or more rotor inertia",
     ),
     "elasticity without a rotor": (
-        [_spring()],
+        [_entry("joint_elasticity", {"stiffness": [1e4], "damping": [0.0]}, [2])],
         "effects[1], joint_elasticity: joint 2 has a motor of its own but no rotor inertia",
         "nominal.armature",
     ),
     "unknown parameter": (
-        [_spring("stifness")],
+        [_entry("joint_elasticity", {"stifness": [1e4], "damping": [0.0]}, [2])],
         "effects[1], joint_elasticity: expected the parameters stiffness, damping; got stifness, damping",
         "'stifness' is unknown: did you mean 'stiffness'? give stiffness in N m/rad, damping in N m s/rad",
     ),
@@ -132,23 +133,37 @@ def _moments(ixx: float) -> str:
     return f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
 
 
-MASS, INERTIA = r"<mass [^>]*/>", r"<inertia [^>]*/>"
-THIRD = "link lbr_iiwa_link_3"
-BODIES = [
-    (MASS, '<mass value="-2"/>', f"line 152, {THIRD}, <inertial>: mass is -2 kg", "correct its value"),
-    (INERTIA, _moments(-1.0), "principal moments -1, 0.1, 0.1 kg m^2", "they are about the centre of mass"),
-    (MASS, '<mass value="heavy"/>', f"{THIRD}, <mass value>: expected a number, got 'heavy'", "correct the"),
-    (MASS, "", f"{THIRD}, <inertial>: has no <mass value>", "leave <inertial> out of a link that has no mass"),
-    (r"<mass.*", "", "is not valid XML", "was it cut short?"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("old", "new", "message", "remedy"), BODIES)
+@pytest.mark.parametrize(
+    ("change", "message", "remedy"),
+    [
+        (
+            (r"<mass [^>]*/>", '<mass value="-2"/>'),
+            "line 152, link lbr_iiwa_link_3, <inertial>: mass is -2 kg, expected zero or above",
+            "correct its value",
+        ),
+        (
+            (r"<inertia [^>]*/>", _moments(-1.0)),
+            "principal moments -1, 0.1, 0.1 kg m^2",
+            "they are about the centre of mass",
+        ),
+        (
+            (r"<mass [^>]*/>", '<mass value="heavy"/>'),
+            "link lbr_iiwa_link_3, <mass value>: expected a number, got 'heavy'",
+            "correct the attribute",
+        ),
+        (
+            (r"<mass [^>]*/>", ""),
+            "link lbr_iiwa_link_3, <inertial>: has no <mass value>",
+            "leave <inertial> out of a link that has no mass",
+        ),
+        ((r"<mass.*", ""), "is not valid XML", "was it cut short?"),
+    ],
+)
 def test_an_inertia_that_no_body_can_have_is_refused(
-    capsys, tmp_path: Path, old: str, new: str, message: str, remedy: str
+    capsys, tmp_path: Path, change: tuple[str, str], message: str, remedy: str
 ) -> None:
     file = tmp_path / "broken.urdf"
-    file.write_text(_third_link(old, new))
+    file.write_text(_third_link(*change))
     code, text = _record(capsys, file, _file(tmp_path))
     assert code == 2 and f"{file}" in text and message in text
     assert remedy in text.split("remedy: ")[1]
@@ -199,8 +214,14 @@ def test_an_odd_inertia_is_told_and_simulated_alike_on_every_engine(
 
 def test_a_corrected_model_at_fault_is_not_replayed(capsys, tmp_path: Path) -> None:
     assert _record(capsys, "kuka_iiwa", _file(tmp_path))[0] == 0
-    model, case = _file(tmp_path, _entry("payload", LESS)), tmp_path / "case"
-    more = ("--recording", case / "recording_1.csv", "--out", tmp_path / "out.csv")
-    code, text = _run(capsys, "replay", case, "--model", model, *more)
-    said = f"{model}, effects[1], payload: the link moved by joint 7"
-    assert code == 2 and said in text
+    model = _file(tmp_path, _entry("payload", {"mass": -3.0, "com": [0, 0, 0]}))
+    common = (
+        "--recording",
+        tmp_path / "case" / "recording_1.csv",
+        "--out",
+        tmp_path / "replayed.csv",
+    )
+    code, text = _run(capsys, "replay", tmp_path / "case", "--model", model, *common)
+    assert (
+        code == 2 and f"{model}, effects[1], payload: the link moved by joint 7" in text
+    )

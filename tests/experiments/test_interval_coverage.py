@@ -14,33 +14,48 @@ coverage = import_module("51_interval_coverage")
 calibration_table, stated = coverage.calibration_table, coverage.stated
 coverage_table, values = coverage.coverage_table, coverage.values
 
-
-def entry(
-    effect: str, joints: list[int], probability: float | None = None, **values: Any
-) -> dict[str, Any]:
-    """An effect of a label, or with standard deviations one of a diagnosis."""
-    keys = ("unit", "value", "std")
-    parameters = {name: dict(zip(keys, x, strict=False)) for name, x in values.items()}
-    found = {} if probability is None else {"probability": probability}
-    return {"effect": effect, "joints": joints, "parameters": parameters, **found}
-
-
-LOAD = {"mass": ("kg", 1.5), "com": ("m", [0.0, 0.1, 0.2]), "radius": ("", 0.03)}
 TRUTH: dict[str, Any] = {
     "effects": [
-        entry("coulomb_friction", [2, 5], torque=("N m", [1.0, 2.0])),
-        entry("payload", [], **LOAD),
+        {
+            "effect": "coulomb_friction",
+            "joints": [2, 5],
+            "parameters": {"torque": {"unit": "N m", "value": [1.0, 2.0]}},
+        },
+        {
+            "effect": "payload",
+            "joints": [],
+            "parameters": {
+                "mass": {"unit": "kg", "value": 1.5},
+                "com": {"unit": "m", "value": [0.0, 0.1, 0.2]},
+                "radius": {"unit": "", "value": 0.03},
+            },
+        },
     ],
     "gap": [0.0] * 6,
 }
-FRICTION = ("N m", [2.1, 0.3], [0.1, 0.1])
-CARRIED = {"mass": ("kg", 1.4, 0.01), "com": ("m", [0.0, 0.1, 0.3], [0.1] * 3)}
 FOUND: dict[str, Any] = {
     "effects": [
-        entry("coulomb_friction", [5, 6], 0.9, torque=FRICTION),
-        entry("payload", [], 0.6, **CARRIED),
+        {
+            "effect": "coulomb_friction",
+            "joints": [5, 6],
+            "probability": 0.9,
+            "parameters": {
+                "torque": {"unit": "N m", "value": [2.1, 0.3], "std": [0.1, 0.1]}
+            },
+        },
+        {
+            "effect": "payload",
+            "joints": [],
+            "probability": 0.6,
+            "parameters": {
+                "mass": {"unit": "kg", "value": 1.4, "std": 0.01},
+                "com": {"unit": "m", "value": [0.0, 0.1, 0.3], "std": [0.1] * 3},
+            },
+        },
     ],
-    "possible": [entry("armature", [1], 0.2)],
+    "possible": [
+        {"effect": "armature", "joints": [1], "probability": 0.2, "parameters": {}}
+    ],
 }
 
 

@@ -33,33 +33,29 @@ def fill(
     return store
 
 
-ROW: dict[str, Any] = {
-    "robot": "two joints/a",
-    "joints": ["yaw", "pitch"],
-    "nominal_sha256": "n",
-    "verdict": "effects_found",
-    "gap": 0.2,
-    "left": 0.0,
-    "effects": ["coulomb_friction"],
-    "error": "",
-    "recorded_seconds": 60.0,
-    "processor_seconds": 5.0,
-    "tries": 1,
-}
-
-
 def row_of(unit: str, day: int) -> dict[str, Any]:
     """The row of a case."""
     time = FIRST + timedelta(days=day)
-    return ROW | {
+    return {
         "result": f"{unit}-{day}",
         "case": f"/cases/{unit}/{day}",
         "unit": unit,
+        "robot": "two joints/a",
+        "joints": ["yaw", "pitch"],
         "date": f"{time:%Y-%m-%d}",
         "recorded_at": time,
         "finished": datetime.now(timezone.utc),
+        "nominal_sha256": "n",
+        "verdict": "effects_found",
         "excess": 0.1 * len(unit),
+        "gap": 0.2,
+        "left": 0.0,
+        "effects": ["coulomb_friction"],
+        "error": "",
         "kept": f"diagnoses/{unit}/{day}",
+        "recorded_seconds": 60.0,
+        "processor_seconds": 5.0,
+        "tries": 1,
     }
 
 

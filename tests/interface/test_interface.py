@@ -7,9 +7,7 @@ import importlib
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -38,8 +36,13 @@ def test_unknown_name_is_an_attribute_error():
         _ = gapscope.diagnos_all
 
 
-INTERFACE = (Path(gapscope.__file__).parent / "interface").glob("[a-z]*.py")
-MODULES = ["arm.case", *(f"interface.{path.stem}" for path in INTERFACE)]
+MODULES = [
+    "arm.case",
+    *(
+        f"interface.{path.stem}"
+        for path in (Path(gapscope.__file__).parent / "interface").glob("[a-z]*.py")
+    ),
+]
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -143,27 +146,32 @@ def test_frames_make_the_same_case_as_arrays(case):
         assert np.array_equal(one.tau, two.tau)
 
 
-Arrays = dict[str, Any]
-BAD: dict[str, tuple[Callable[[Arrays], Arrays], str]] = {
-    "a missing joint": (lambda x: {"q": x["q"][:, :2]}, "q3"),
-    "one axis": (lambda x: {"q": x["q"][:, 0]}, r"q: has shape"),
-    "too short": (lambda x: {key: series[:20] for key, series in x.items()}, "lasts"),
-    "lists that differ": (lambda x: {"q": [x["q"], x["q"]]}, "2 recordings"),
-    "nan": (lambda x: {"q": gaps(x["q"])}, "row 2, column q1: is not a finite number"),
+BAD = {
+    "a missing joint": (lambda t, q, tau: {"t": t, "q": q[:, :2], "tau": tau}, "q3"),
+    "one axis": (lambda t, q, tau: {"t": t, "q": q[:, 0], "tau": tau}, r"q: has shape"),
+    "too short": (
+        lambda t, q, tau: {"t": t[:20], "q": q[:20], "tau": tau[:20]},
+        "lasts",
+    ),
+    "lists that differ": (lambda t, q, tau: {"t": t, "q": [q, q]}, "2 recordings"),
+    "nan": (
+        lambda t, q, tau: {
+            "t": t,
+            "q": np.where(np.arange(len(t))[:, None] % 2, np.nan, q),
+        },
+        "row 2, column q1: is not a finite number",
+    ),
 }
-
-
-def gaps(q: np.ndarray) -> np.ndarray:
-    """Every second row is none."""
-    return np.where(np.arange(len(q))[:, None] % 2, np.nan, q)
 
 
 @pytest.mark.parametrize("name", BAD)
 def test_bad_arrays_are_refused_with_the_place(name, case):
-    change, place = BAD[name]
-    sound = {key: getattr(case.recordings[0], key) for key in ("t", "q", "tau")}
+    make, place = BAD[name]
+    recording = case.recordings[0]
     with pytest.raises(InputError, match=place):
-        gapscope.Case.from_arrays(arm(), **sound | change(sound))
+        gapscope.Case.from_arrays(
+            arm(), **make(recording.t, recording.q, recording.tau)
+        )
 
 
 def test_repr_is_the_first_screen(case, result):

@@ -28,12 +28,17 @@ Write = Callable[[Recording, Path], Path]
 @pytest.fixture
 def case(at_work: Any, tmp_path: Path) -> Path:
     """A case of the arm, without recordings that are there."""
-    arm, keys = at_work.arm, ("armature", "coulomb", "viscous")
-    sheet = {key: getattr(arm, key).tolist() for key in keys}
-    content = {"name": "watched", "robot": str(arm.urdf), "nominal": sheet}
+    arm = at_work.arm
+    sheet = {key: getattr(arm, key).tolist() for key in ("coulomb", "viscous")}
+    sheet["armature"] = arm.armature.tolist()
+    content = {
+        "name": "watched",
+        "robot": str(arm.urdf),
+        "nominal": sheet,
+        "recordings": ["log.csv"],
+    }
     file = tmp_path / "case.yaml"
-    text = yaml.safe_dump(content | {"recordings": ["log.csv"]})
-    file.write_text(text, encoding="utf-8")
+    file.write_text(yaml.safe_dump(content), encoding="utf-8")
     return file
 
 

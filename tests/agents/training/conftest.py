@@ -33,24 +33,43 @@ def task(arm: NominalArm) -> Task:
     return Task.of("pd", arm, ())
 
 
-OFF_POLICY = {"learning_starts": 200, "buffer_size": 5000, "batch_size": 64}
-OFF_POLICY |= {"learning_rate": 2e-3, "gamma": 0.8}
-OFF_POLICY |= {"train_freq": 2, "gradient_steps": 2}
-LEARNING: dict[str, dict[str, Any]] = {
-    "ppo": {"n_steps": 64, "n_epochs": 5, "batch_size": 64, "learning_rate": 3e-3, "gamma": 0.8},
-    "sac": OFF_POLICY | {"ent_coef": 0.003},
-    "td3": OFF_POLICY,
-}  # fmt: skip
-"""Hyperparameters with which each learns within seconds."""
-
-
 def short(algorithm: str = "ppo", **changed: Any) -> TrainingSettings:
     """Settings of a training that takes seconds."""
-    motions = {"motion": "fourier", "motions": ("fourier",), "randomise": ()}
-    lengths = {"steps": 512, "round_steps": 256, "environments": 2}
-    lengths |= {"episode_length": 1.0, "duration": 1.0, "network": (16,)}
-    loop = {"bandwidth": 2.0, "action_reach": 0.1, "tolerance": 0.02}
-    drawn = {"exploration": 0.4, "smoothness": 0.01}
-    learning = {"algorithm": algorithm, "hyperparameters": LEARNING[algorithm]}
-    values: dict[str, Any] = motions | lengths | loop | drawn | learning
+    values: dict[str, Any] = {
+        "algorithm": algorithm,
+        "steps": 512,
+        "round_steps": 256,
+        "environments": 2,
+        "network": (16,),
+        "motion": "fourier",
+        "motions": ("fourier",),
+        "episode_length": 1.0,
+        "duration": 1.0,
+        "bandwidth": 2.0,
+        "action_reach": 0.1,
+        "randomise": (),
+        "tolerance": 0.02,
+        "exploration": 0.4,
+        "smoothness": 0.01,
+    }
+    if algorithm == "ppo":
+        values["hyperparameters"] = {
+            "n_steps": 64,
+            "n_epochs": 5,
+            "batch_size": 64,
+            "learning_rate": 3e-3,
+            "gamma": 0.8,
+        }
+    else:
+        values["hyperparameters"] = {
+            "learning_starts": 200,
+            "buffer_size": 5000,
+            "batch_size": 64,
+            "learning_rate": 2e-3,
+            "gamma": 0.8,
+            "train_freq": 2,
+            "gradient_steps": 2,
+        }
+        if algorithm == "sac":
+            values["hyperparameters"]["ent_coef"] = 0.003
     return TrainingSettings(**{**values, **changed})

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import case_of, limits, motion_of
+from cases import limits, motion_of
 
 from gapscope.agents.models import ArmModel
 from gapscope.agents.training.task import Task, idle, judge
 from gapscope.agents.training.training_settings import TrainingSettings
+from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.motions.motion import Motion
@@ -36,23 +37,31 @@ from gapscope.envs.mystery_arm import HIDDEN
 from .conftest import rod, short
 
 EFFECTS = (
-    AppliedEffect("payload", (), {"mass": 0.5, "com": [0.4, 0.0, 0.0]}),
+    AppliedEffect(
+        "payload", (), {"mass": np.array(0.5), "com": np.array([0.4, 0.0, 0.0])}
+    ),
     AppliedEffect("viscous_friction", (1,), {"coefficient": [1.5]}),
 )
 
 
 def network() -> ResidualNetwork:
     """2 N m times tanh(dq / (0.5 rad/s)), whatever else is seen."""
-    c, near, one = Layout(1).channels, len(Layout(1).neighbourhood), np.ones(1)
+    c, near = Layout(1).channels, len(Layout(1).neighbourhood)
     inputs = Inputs(1, 2, 0.02, np.zeros((1, c)), np.ones((1, c)))
-    seen = inputs.seen_by_mlp
-    first, head = np.zeros((1, 1, len(seen), 1)), np.zeros((1, 1, 1, 2))
-    first[0, 0, list(seen).index(c), 0], head[0, 0, 0, 0] = 2.0, 1.0
+    first = np.zeros((1, 1, len(inputs.seen_by_mlp), 1))
+    head = np.zeros((1, 1, 1, 2))
+    first[0, 0, list(inputs.seen_by_mlp).index(c), 0], head[0, 0, 0, 0] = 2.0, 1.0
     biases = (np.zeros((1, 1, 1)), np.zeros((1, 1, 2)))
-    forms = (Network("mlp", seen, (first, head), biases),)
-    trust = Trust(np.zeros((1, 1, near)), 1e3 * one)
-    bounds = trust, 2 * one, 9 * one, 12.0
-    return ResidualNetwork(inputs, forms, np.zeros(1, int), *bounds)
+    net = Network("mlp", inputs.seen_by_mlp, (first, head), biases)
+    return ResidualNetwork(
+        inputs,
+        (net,),
+        np.zeros(1, int),
+        Trust(np.zeros((1, 1, near)), np.full(1, 1e3)),
+        np.full(1, 2.0),
+        np.full(1, 9.0),
+        12.0,
+    )
 
 
 @pytest.fixture
@@ -61,26 +70,37 @@ def files(arm: NominalArm, tmp_path: Path) -> dict[str, str]:
     write_corrected("rod", EFFECTS, tmp_path / "corrected.yaml")
     write_residual(network(), tmp_path / "residual.npz")
     write_corrected("rod", EFFECTS, tmp_path / "with_network.yaml", "residual.npz")
-    sheet = {"armature": np.array([0.7]), "viscous": np.array([0.8])}
-    known = NominalArm("rod", arm.urdf, arm.joints, **sheet)
-    still = Recording("still", 0.01 * np.arange(10), *np.zeros((2, 10, 1)))
-    folder = tmp_path / "identified"
-    write_case(case_of("rod", known, still), folder)
-    named = {"files": {"case": "case.yaml", "effects": "effects.yaml"}}
-    (folder / "identification.json").write_text(json.dumps(named))
-    write_corrected("rod", EFFECTS, folder / "effects.yaml")
+    identified = NominalArm(
+        "rod", arm.urdf, arm.joints, armature=np.array([0.7]), viscous=np.array([0.8])
+    )
+    still = Recording(
+        "still", 0.01 * np.arange(10), np.zeros((10, 1)), np.zeros((10, 1))
+    )
+    write_case(Case("rod", Path(), identified, (still,)), tmp_path / "identified")
+    document = tmp_path / "identified" / "identification.json"
+    document.write_text(
+        json.dumps({"files": {"case": "case.yaml", "effects": "effects.yaml"}})
+    )
+    write_corrected("rod", EFFECTS, tmp_path / "identified" / "effects.yaml")
     names = {
         "corrected": "corrected.yaml",
         "network": "with_network.yaml",
         "identified": "identified/identification.json",
     }
-    places = {name: str(tmp_path / file) for name, file in names.items()}
-    return {"nominal": "nominal", **places}
+    return {
+        "nominal": "nominal",
+        **{name: str(tmp_path / file) for name, file in names.items()},
+    }
 
 
 def motion() -> tuple[Fourier, Motion]:
-    rng, how = np.random.default_rng(1), {"duration": 1.0, "frequency": 0.5}
-    reference = Fourier.random(rng, limits(1, 1.0, 1.5, 6.0), **how, ramp=0.3)
+    reference = Fourier.random(
+        np.random.default_rng(1),
+        limits(1, 1.0, 1.5, 6.0),
+        duration=1.0,
+        frequency=0.5,
+        ramp=0.3,
+    )
     return reference, motion_of(reference, 1e-3 * np.arange(1251))
 
 
@@ -90,14 +110,17 @@ def test_simulator_follows_the_models_inverse_dynamics(
 ) -> None:
     reference, seen = motion()
     task, settings = Task.of(files[name], arm), short()
-    other, env = (x.simulator(settings) for x in (Task.of("nominal", arm), task))
-    # gains are equal over models
-    np.testing.assert_array_equal(env.torque_scale, other.torque_scale)
-    other.close()
+    with_other = Task.of("nominal", arm).simulator(settings)
+    env = task.simulator(settings)
+    np.testing.assert_array_equal(
+        env.torque_scale, with_other.torque_scale
+    )  # gains are equal over models
+    with_other.close()
     env.reset(seed=0, options={"motion": reference})
     expected = ArmModel(task.believed).series(seen)[:1001:20] / env.setup.control.rated
-    planned = env.unwrapped._course.planned[:-1, -1:]
-    np.testing.assert_allclose(planned, expected, atol=1e-9)
+    np.testing.assert_allclose(
+        env.unwrapped._course.planned[:-1, -1:], expected, atol=1e-9
+    )
     env.close()
     alone = task.trials(settings, 1)
     assert judge(alone, idle(alone), [("own", reference)]).joint_error < 4e-4
@@ -107,12 +130,18 @@ def test_the_network_acts_in_the_simulator(
     files: dict[str, str], arm: NominalArm
 ) -> None:
     """The arm has the network's torque; feedforward with the network tracks it, feedforward without does not."""
-    (reference, _), settings, errors = motion(), short(), []
-    options = {"episode_length": settings.episode_length, "engine": settings.engine}
-    options["simulated"] = Task.of(files["network"], arm).believed
+    reference, _ = motion()
+    true = Task.of(files["network"], arm)
+    errors = []
     for name in ("network", "corrected"):
-        fed = ArmModel(Task.of(files[name], arm).believed)
-        env = VectorArmTracking(1, arm, feedforward=fed, **options)
+        env = VectorArmTracking(
+            1,
+            arm,
+            simulated=true.believed,
+            feedforward=ArmModel(Task.of(files[name], arm).believed),
+            episode_length=short().episode_length,
+            engine=short().engine,
+        )
         errors.append(judge(env, idle(env), [("own", reference)]).joint_error)
     assert errors[0] < 0.1 * errors[1]
 

@@ -79,19 +79,30 @@ def test_agents_learn_to_hold_a_rod_up(
     assert best.simulator.reward > first.simulator.reward + 0.05
 
 
-LEARNING = {"n_steps": 64, "n_epochs": 5, "batch_size": 512, "gamma": 0.9}
-
-
 @pytest.mark.slow
 def test_an_agent_on_a_wrong_model_is_kept_and_helps_the_hidden_arm(
     arm: NominalArm, tmp_path: Path
 ) -> None:
     """Trained on arms with effects drawn around the model; in the model's own simulator nothing would be left."""
-    lengths = {"environments": 8, "steps": 6144, "round_steps": 2048, "seeds": 6}
-    networks = {"network": (), "value_network": (32,), "exploration": 0.5}
-    networks["hyperparameters"] = {**LEARNING, "learning_rate": 1e-2}
-    how = {"action": "gains", "randomise": None, "tolerance": 0.005}
-    settings = short(**how, **lengths, **networks)
+    settings = short(
+        action="gains",
+        randomise=None,
+        network=(),
+        value_network=(32,),
+        environments=8,
+        steps=6144,
+        round_steps=2048,
+        seeds=6,
+        tolerance=0.005,
+        exploration=0.5,
+        hyperparameters={
+            "n_steps": 64,
+            "n_epochs": 5,
+            "batch_size": 512,
+            "learning_rate": 1e-2,
+            "gamma": 0.9,
+        },
+    )
     task = Task.of("nominal", arm, (PAYLOAD,))
     trained = Training(task, settings, tmp_path).run()
     first, kept = trained.curve[0], trained.curve[trained.best]
