@@ -16,7 +16,12 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import draw_motion, workspace
-from gapscope.arm.motions.trajectory import Fourier, Limits, ReferenceMotion
+from gapscope.arm.motions.trajectory import (
+    Fourier,
+    Limits,
+    ReferenceMotion,
+    urdf_limits,
+)
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
@@ -52,6 +57,23 @@ def motion_of(reference: ReferenceMotion, t: np.ndarray) -> Motion:
     return Motion(
         t, reference.position(t), reference.velocity(t), reference.acceleration(t)
     )
+
+
+def swinging(
+    arm: NominalArm,
+    rng: np.random.Generator,
+    centre: np.ndarray,
+    *,
+    duration: float,
+    frequency: float,
+    speed: float = 1.2,
+    acceleration: float = 5.0,
+) -> Fourier:
+    """A smooth motion about a posture within the limits of the arm's file, and at most so fast [rad/s, rad/s^2]."""
+    limits = urdf_limits(RigidBody(arm), acceleration)
+    limits = limits._replace(velocity=np.full(arm.n_joints, speed))
+    how = {"duration": duration, "centre": centre, "frequency": frequency}
+    return Fourier.random(rng, limits, **how)
 
 
 def case_of(

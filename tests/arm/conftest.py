@@ -1,4 +1,4 @@
-"""A two-joint arm with friction in its URDF, a recording of it, and a way to write files of text."""
+"""A two-joint arm with friction in its URDF, and a recording of it."""
 
 from __future__ import annotations
 
@@ -35,13 +35,14 @@ def urdf(tmp_path: Path) -> Path:
     return written(tmp_path / "robot.urdf", "two", *LINKS)
 
 
-@pytest.fixture
-def arm(urdf: Path) -> NominalArm:
+@pytest.fixture(scope="session")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> NominalArm:
     """The two-joint arm."""
-    return load_nominal_arm(urdf)
+    file = tmp_path_factory.mktemp("two") / "robot.urdf"
+    return load_nominal_arm(written(file, "two", *LINKS))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def recording() -> Recording:
     """Two seconds at 100 Hz with every channel, both joints moving to and fro."""
     t = np.arange(200) / 100

@@ -35,27 +35,29 @@ def log(begun: float, rows: int = 100) -> Recording:
 @pytest.mark.parametrize("start", [0.0, 1e5, 1.79e9])
 def test_time_goes_on_over_the_files_of_one_log(start: float) -> None:
     files = [log(start + 1.0), log(start), log(start + 2.0)]
-    second, first, third = joined_in_time(files)
-    assert [one.begun for one in (first, second, third)] == [start] * 3
-    assert first.t[0] == 0.0
-    assert second.t[0] == pytest.approx(1.0, abs=1e-6)
-    assert third.t[-1] == pytest.approx(2.99, abs=1e-6)
-    for before, after in zip(files, (second, first, third), strict=True):
+    joined = joined_in_time(files)
+    assert [one.begun for one in joined] == [start] * 3
+    times = [one.t[0] for one in joined]
+    assert times == pytest.approx([1.0, 0.0, 2.0], abs=1e-6)
+    for before, after in zip(files, joined, strict=True):
         np.testing.assert_allclose(before.stamps, after.stamps, rtol=0, atol=1e-6)
 
 
-def test_two_logs_that_were_split_alike() -> None:
-    """Both clocks begin at zero, as those of many loggers do."""
-    parts = [log(0.0), log(1.0, 50), log(0.0, 120), log(1.2, 50)]
-    times = [one.t[0] for one in joined_in_time(parts)]
-    assert times == pytest.approx([0.0, 1.0, 0.0, 1.2])
+OTHERS = {
+    # both clocks begin at zero, as those of many loggers do
+    "split alike": ([(0.0, 100), (1.0, 50), (0.0, 120), (1.2, 50)], [0.0, 1.0, 0.0, 1.2]),
+    "at once": ([(0.0, 100), (0.0, 100)], [0.0, 0.0]),
+    "a minute later": ([(0.0, 100), (60.0, 100)], [0.0, 0.0]),
+    "before the other ended": ([(0.0, 100), (0.5, 100)], [0.0, 0.0]),
+}  # fmt: skip
+"""Begin and rows of files of several logs, and where their time begins."""
 
 
-def test_other_logs_have_a_time_of_their_own() -> None:
-    """Logs that begin at zero, one a minute later, and one that began before the other ended."""
-    for begun in (0.0, 60.0, 0.5):
-        one, other = joined_in_time([log(0.0), log(begun)])
-        assert one.t[0] == other.t[0] == 0.0
+@pytest.mark.parametrize("name", OTHERS)
+def test_logs_have_a_time_of_their_own(name: str) -> None:
+    parts, times = OTHERS[name]
+    joined = joined_in_time([log(begun, rows) for begun, rows in parts])
+    assert [one.t[0] for one in joined] == pytest.approx(times)
 
 
 T = np.arange(3000) / 500
@@ -65,7 +67,7 @@ TAU = 20 * Q + 0.1 * RNG.standard_normal(Q.shape)
 SOUND = Recording("a.csv", T, Q, tau=TAU)
 
 
-def test_a_limit_that_was_reached() -> None:
+def test_a_limit_that_was_reached_is_no_stuck_sensor() -> None:
     tau = np.column_stack([np.clip(TAU[:, 0], -15, 15), TAU[:, 1]])
     held = held_torque(T, Q, tau)
     assert (held.clipped[:, 0] == (np.abs(TAU[:, 0]) >= 15)).all()
@@ -73,6 +75,9 @@ def test_a_limit_that_was_reached() -> None:
     (note,) = held_notes(replace(SOUND, tau=tau))
     assert "stands at a limit" in note
     assert note.endswith(f"tau1 {held.clipped[:, 0].mean():.1%}")
+    # nor is a command at rest
+    still = Q * ((T > 2) & (T < 4))[:, None]
+    assert not held_torque(T, still, 20 * still).unknown.any()
 
 
 def test_a_stuck_sensor() -> None:
@@ -83,12 +88,6 @@ def test_a_stuck_sensor() -> None:
     assert not held.clipped.any() and not held.stuck[:, 0].any()
     (note,) = held_notes(replace(SOUND, tau=tau))
     assert note.endswith("as of a stuck sensor: tau2 10.0%")
-
-
-def test_a_command_at_rest_is_no_stuck_sensor() -> None:
-    moving = (T > 2) & (T < 4)
-    q = Q * moving[:, None]
-    assert not held_torque(T, q, 20 * q).unknown.any()
 
 
 @pytest.mark.parametrize("step", [0.5, 2.0])

@@ -4,6 +4,7 @@ import sys
 import types
 import warnings
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -36,13 +37,12 @@ def joint(
     parent: str,
     child: str,
     kind: str = "revolute",
-    axis: str = "0 1 0",
     at: str = "0 0 0.3",
     more: str = "",
 ) -> str:
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>'
-        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="50" velocity="2"/>{more}</joint>'
+        f'<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="50" velocity="2"/>{more}</joint>'
     )
 
 
@@ -56,9 +56,9 @@ ARM = [
     link("hand", 0.5),
 ]
 FINGERS = [
-    joint("finger_1", "hand", "left", kind="prismatic", axis="0 1 0"),
+    joint("finger_1", "hand", "left", "prismatic"),
     link("left", 0.2),
-    joint("finger_2", "hand", "right", "prismatic", "0 1 0", more=FOLLOWS),
+    joint("finger_2", "hand", "right", "prismatic", more=FOLLOWS),
     link("right", 0.2),
 ]
 BASE = [
@@ -75,10 +75,15 @@ BASE = [
 
 
 def robot(folder: Path, *parts: list[str]) -> Path:
+    folder.mkdir(exist_ok=True)
     path = folder / "robot.urdf"
     text = "".join(element for part in parts for element in part)
     path.write_text(f'<robot name="tree">{text}</robot>')
     return path
+
+
+TORSO = [link("torso")]
+CHAIN = {"chain": ["torso", "hand"]}
 
 
 def torque(arm: NominalArm) -> np.ndarray:
@@ -97,25 +102,19 @@ def notes_of(urdf: Path, **options: object) -> tuple[NominalArm, str]:
 def test_a_chain_is_the_arm_alone_with_what_hangs_beyond_its_tip(
     tmp_path: Path,
 ) -> None:
-    tree = robot(tmp_path, BASE, ARM, FINGERS)
-    arm, notes = notes_of(tree, chain=["torso", "hand"])
-    assert arm.joints == ("shoulder", "elbow")
-    for word in ("antenna", "drive", "lean", "finger_1"):
-        assert word in notes
-    assert "wheel" not in notes
-    (tmp_path / "plain").mkdir()
+    arm, notes = notes_of(robot(tmp_path, BASE, ARM, FINGERS), **CHAIN)
+    assert arm.joints == ("shoulder", "elbow") and "wheel" not in notes
+    assert all(x in notes for x in ("antenna", "drive", "lean", "finger_1"))
     fixed = [text.replace('"prismatic"', '"fixed"') for text in FINGERS]
-    plain = load_nominal_arm(robot(tmp_path / "plain", [link("torso")], ARM, fixed))
+    plain = load_nominal_arm(robot(tmp_path / "plain", TORSO, ARM, fixed))
     np.testing.assert_allclose(torque(arm), torque(plain), atol=1e-12)
 
 
-TORSO = [link("torso")]
 WHIP = [
     joint("whip", "upper", "antenna", kind="fixed"),
     link("antenna", 1e-6, moment=-1e-8),
 ]
 FAR = [ARM[0].replace('upper="2"', 'upper="far"'), *ARM[1:]]
-CHAIN = {"chain": ["torso", "hand"]}
 REFUSED = [
     ((BASE, ARM), {"chain": ["hand", "torso"]}, "does not hang on 'hand'"),
     ((BASE, ARM), {"chain": ["torso", "hands"]}, "did you mean 'hand'"),
@@ -129,31 +128,32 @@ REFUSED = [
 
 @pytest.mark.parametrize(("parts", "options", "message"), REFUSED)
 def test_what_is_no_arm_is_refused_with_the_reason(
-    parts: tuple,
-    options: dict,
-    message: str,
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
+    parts: tuple, options: dict, message: str, tmp_path: Path, silent: None
 ) -> None:
     with pytest.raises(InputError, match=message):
         load_nominal_arm(robot(tmp_path, *parts), **options)
+
+
+@pytest.fixture
+def silent(capfd: pytest.CaptureFixture[str]) -> Iterator[None]:
+    """Libraries that read the file say nothing of their own."""
+    yield
     assert capfd.readouterr() == ("", "")
 
 
 def test_locked_joints_stand_where_the_case_says(tmp_path: Path) -> None:
     tree = robot(tmp_path, BASE, ARM, FINGERS)
-    chain = ["torso", "hand"]
-    leaning = load_nominal_arm(tree, chain=chain, locked={"lean": 0.5})
+    leaning = load_nominal_arm(tree, **CHAIN, locked={"lean": 0.5})
     # the torso leans about y: gravity turns back in its frame
     turned = [-9.81 * -np.sin(0.5), 0, -9.81 * np.cos(0.5)]
-    upright = load_nominal_arm(tree, chain=chain, gravity=turned)
+    upright = load_nominal_arm(tree, **CHAIN, gravity=turned)
     np.testing.assert_allclose(torque(leaning), torque(upright), atol=1e-9)
-    open_hand = load_nominal_arm(tree, chain=chain, locked={"finger_1": 0.4})
+    open_hand = load_nominal_arm(tree, **CHAIN, locked={"finger_1": 0.4})
     assert open_hand.locked == {"finger_1": 0.4, "finger_2": -0.4}
 
 
 def test_a_follower_weighs_on_its_master(tmp_path: Path) -> None:
-    tree = robot(tmp_path, [link("torso")], ARM, FINGERS)
+    tree = robot(tmp_path, TORSO, ARM, FINGERS)
     with pytest.warns(ModelWarning, match="finger_2 follows finger_1"):
         arm = load_nominal_arm(tree)
     assert arm.joints == ("shoulder", "elbow", "finger_1")
@@ -163,19 +163,17 @@ def test_a_follower_weighs_on_its_master(tmp_path: Path) -> None:
 
 
 def test_a_case_in_a_larger_tree_reads_back_as_the_same_arm(tmp_path: Path) -> None:
-    tree = robot(tmp_path, [link("torso")], ARM, FINGERS)
-    t = np.arange(0, 2, 0.01)
+    tree, t = robot(tmp_path, TORSO, ARM, FINGERS), np.arange(0, 2, 0.01)
     q = np.sin(t)[:, None] * np.ones(2)
-    case = Case.from_arrays(
-        tree, t=t, q=q, tau=q, chain=["torso", "hand"], locked={"finger_1": 0.1}
-    )
+    locked = {"finger_1": 0.1}
+    case = Case.from_arrays(tree, t=t, q=q, tau=q, **CHAIN, locked=locked)
     read = load_case(write_case(case, tmp_path / "case"))
     assert read.arm.locked == case.arm.locked
     np.testing.assert_allclose(torque(read.arm), torque(case.arm))
 
 
 def test_a_locked_joint_stands_at_the_mean_of_a_column(tmp_path: Path) -> None:
-    robot(tmp_path, [link("torso")], ARM, FINGERS)
+    robot(tmp_path, TORSO, ARM, FINGERS)
     t = np.arange(0, 2, 0.01)
     columns = np.column_stack([t, *[np.sin(t)] * 4, 0.3 + 0 * t])
     header = "t,q1,q2,tau1,tau2,gripper"
@@ -192,7 +190,7 @@ def test_a_locked_joint_stands_at_the_mean_of_a_column(tmp_path: Path) -> None:
 def test_an_exported_urdf_keeps_locked_joints_in_place(tmp_path: Path) -> None:
     tree = robot(tmp_path, [link("base"), *BASE[7:]], ARM, FINGERS)
     locked = {"lean": 0.5, "finger_1": 0.4}
-    arm = load_nominal_arm(tree, chain=["torso", "hand"], locked=locked)
+    arm = load_nominal_arm(tree, **CHAIN, locked=locked)
     out = tmp_path / "out.urdf"
     export(CorrectedArm(arm, ()), out)
     exported = load_nominal_arm(out)
@@ -221,7 +219,7 @@ def test_robot_descriptions_are_known_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = types.ModuleType("robot_descriptions.two_description")
-    module.URDF_PATH = str(robot(tmp_path, [link("torso")], ARM))  # type: ignore[attr-defined]
+    module.URDF_PATH = str(robot(tmp_path, TORSO, ARM))  # type: ignore[attr-defined]
     package = types.ModuleType("robot_descriptions")
     package.__path__ = []
     package.__spec__ = types.SimpleNamespace(name="robot_descriptions")  # type: ignore[assignment]
@@ -265,19 +263,16 @@ def test_an_mjcf_hand_follows_and_tells_its_gains(tmp_path: Path) -> None:
 
 
 def test_links_may_be_called_like_their_joints(tmp_path: Path) -> None:
-    parts = [
-        text.replace("shoulder", "upper").replace("elbow", "lower") for text in ARM
-    ]
-    alike = load_nominal_arm(robot(tmp_path, [link("torso")], parts), joints=["lower"])
-    (tmp_path / "other").mkdir()
-    other = load_nominal_arm(
-        robot(tmp_path / "other", [link("torso")], ARM), joints=["elbow"]
+    renamed = [x.replace("shoulder", "upper").replace("elbow", "lower") for x in ARM]
+    alike, other = (
+        load_nominal_arm(robot(tmp_path / name, TORSO, parts), joints=[name])
+        for name, parts in (("lower", renamed), ("elbow", ARM))
     )
     np.testing.assert_allclose(torque(alike), torque(other))
 
 
 def test_missing_meshes_stop_nothing_but_collisions(tmp_path: Path) -> None:
-    tree = robot(tmp_path, [link("torso")], ARM)
+    tree = robot(tmp_path, TORSO, ARM)
     root = ET.parse(tree).getroot()
     for use in ("visual", "collision"):
         shape = ET.SubElement(ET.SubElement(root.find("link"), use), "geometry")  # type: ignore[arg-type]
@@ -290,65 +285,59 @@ def test_missing_meshes_stop_nothing_but_collisions(tmp_path: Path) -> None:
 
 
 LIMIT = '<limit lower="-2" upper="2" effort="50" velocity="2"/>'
-CASTER = joint("caster", "base", "roll", kind="{kind}") + link("roll")
+
+
+def beside(kind: str, old: str = "", new: str = "") -> str:
+    """A wheel that does not concern the arm, with something about it changed."""
+    return joint("caster", "base", "roll", kind).replace(old, new) + link("roll")
+
+
 BESIDE = {
-    "a limit without effort": CASTER.format(kind="continuous").replace(
-        LIMIT, '<limit velocity="2"/>'
-    ),
-    "an empty limit": CASTER.format(kind="revolute").replace(LIMIT, "<limit/>"),
-    "no limit": CASTER.format(kind="revolute").replace(LIMIT, ""),
-    "a limit in words": CASTER.format(kind="revolute").replace('"-2"', '"low"'),
-    "an unknown type": CASTER.format(kind="universal"),
-    "an axis of two numbers": CASTER.format(kind="fixed").replace("0 1 0", "0 1"),
-    "a mimic of nothing": CASTER.format(kind="revolute").replace(LIMIT, LIMIT + "<mimic/>"),
-    "a link twice": link("roll") + CASTER.format(kind="fixed"),
+    "a limit without effort": beside("continuous", LIMIT, '<limit velocity="2"/>'),
+    "an empty limit": beside("revolute", LIMIT, "<limit/>"),
+    "no limit": beside("revolute", LIMIT),
+    "a limit in words": beside("revolute", '"-2"', '"low"'),
+    "an unknown type": beside("universal"),
+    "an axis of two numbers": beside("fixed", "0 1 0", "0 1"),
+    "a mimic of nothing": beside("revolute", LIMIT, LIMIT + "<mimic/>"),
+    "a link twice": link("roll") + beside("fixed"),
     "a link that hangs on nothing": link("tool changer"),
     "a joint to nowhere": joint("odd", "base", "nowhere"),
     "tags of simulators": '<gazebo reference="base"><x/></gazebo><material/><sensor/>',
     "meshes": '<link name="a"><visual><geometry><mesh filename="package://x/y.stl"/>'
     "</geometry><material/></visual><collision/></link>",
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("beside", BESIDE)
 def test_what_does_not_concern_the_arm_is_not_read(
-    beside: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    beside: str, tmp_path: Path, silent: None
 ) -> None:
-    sound = load_nominal_arm(robot(tmp_path, BASE, ARM), chain=("torso", "hand"))
-    folder = tmp_path / "odd"
-    folder.mkdir()
-    path = robot(folder, BASE, ARM, [BESIDE[beside]])
-    found = load_nominal_arm(path, chain=("torso", "hand"))
-    assert np.array_equal(gravity_torque(found), gravity_torque(sound))
-    assert capfd.readouterr() == ("", "")
+    sound, found = (
+        load_nominal_arm(robot(tmp_path / name, BASE, ARM, more), **CHAIN)
+        for name, more in (("sound", []), ("odd", [BESIDE[beside]]))
+    )
+    np.testing.assert_array_equal(torque(found), torque(sound))
 
 
-def gravity_torque(arm: NominalArm) -> np.ndarray:
-    q = np.array([[0.3, -0.4]])
-    return RigidBody(arm).inverse_dynamics(q, 0 * q, 0 * q)
+NO_LIMITS = {
+    "effort": '<limit lower="-2" upper="2" velocity="2"/>',
+    "velocity": '<limit lower="-2" upper="2" effort="50"/>',
+    "effort and velocity": "",
+}
 
 
-@pytest.mark.parametrize(
-    ("limit", "lacks"),
-    [
-        ('<limit lower="-2" upper="2" velocity="2"/>', "effort"),
-        ('<limit lower="-2" upper="2" effort="50"/>', "velocity"),
-        ("", "effort and velocity"),
-    ],
-)
+@pytest.mark.parametrize("lacks", NO_LIMITS)
 def test_a_limit_of_the_arm_that_is_not_given_is_none(
-    limit: str, lacks: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    lacks: str, tmp_path: Path, silent: None
 ) -> None:
-    parts = [ARM[0].replace(LIMIT, limit), *ARM[1:]]
-    path = robot(tmp_path, [link("torso")], parts)
-    with pytest.warns(
-        ModelWarning, match=f"shoulder: <limit> does not say {lacks}: none"
-    ):
+    parts = [ARM[0].replace(LIMIT, NO_LIMITS[lacks]), *ARM[1:]]
+    path, said = robot(tmp_path, TORSO, parts), f"<limit> does not say {lacks}: none"
+    with pytest.warns(ModelWarning, match=f"shoulder: {said}"):
         body = RigidBody(load_nominal_arm(path))
     assert (body.effort_limits()[0] == 0) == ("effort" in lacks)
     assert (body.velocity_limits()[0] == 0) == ("velocity" in lacks)
-    assert np.isinf(body.position_limits()[0][0]) == (not limit)
-    assert capfd.readouterr() == ("", "")
+    assert np.isinf(body.position_limits()[0][0]) == (not NO_LIMITS[lacks])
 
 
 def test_known_robots_have_inertials_of_their_own_and_say_their_source() -> None:

@@ -83,10 +83,12 @@ def test_case_file_instead_of_folder(
     assert read_corrected(out / "corrected.yaml") == ()
 
 
-@pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize(
-    "place",
-    ["interface.diagnose.write_document", "effects.corrected_file.yaml.safe_dump"],
+    ("stop", "place"),
+    [
+        (KeyboardInterrupt, "interface.diagnose.write_document"),
+        (MemoryError, "effects.corrected_file.yaml.safe_dump"),
+    ],
 )
 def test_interrupted_run_leaves_no_diagnosis(
     sick: Path,
@@ -251,10 +253,3 @@ def test_a_bad_case_does_not_stop_the_others(
     assert "sick" in summary and "healthy" in summary and "tau2" in summary
     assert f"wrote {out / 'summary.html'}" in done.out
     assert "healthy: " in done.out and "tau2" in done.out
-
-
-def test_same_name_twice(gapscope: Command, sick: Path, both_results: Path) -> None:
-    out, cases = both_results, (sick, sick / "case.yaml")
-    assert gapscope("diagnose", *cases, "--out", out).code == 0
-    assert (out / "sick" / "diagnosis.json").is_file()
-    assert (out / "sick-2" / "diagnosis.json").is_file()

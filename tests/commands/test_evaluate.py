@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sweeps import daily
 
 from gapscope.agents.evaluation import TrackingBench
 from gapscope.commands.evaluation_cells import FOLDER
@@ -91,13 +92,8 @@ def test_a_file_stands_in_for_options(
     assert done.code == 0 and "ignored in an evaluation: action" in done.err
     assert content["arm"]["joints"] == ["yaw", "pitch"]
     assert [e["effect"] for e in content["effects"]] == ["viscous_friction"]
-    expected = {
-        "motions": ["fourier"],
-        "disturbances": ["none"],
-        "seeds": [0],
-        "duration": 1.5,
-        "bandwidth": 3.0,
-    }
+    expected = {"motions": ["fourier"], "disturbances": ["none"], "seeds": [0]}
+    expected |= {"duration": 1.5, "bandwidth": 3.0}
     assert {key: content["plan"][key] for key in expected} == expected
     options = ("--robot", sick, "--effects", corrected, *QUICK)
     few = ("--seeds", 1, "--bandwidth", 3.0)
@@ -105,17 +101,15 @@ def test_a_file_stands_in_for_options(
     assert content == same
 
 
-def test_options_that_are_given_win(evaluate: Command, env: Path) -> None:
-    done, content = evaluate(
-        "pd", "--env", env, "--bandwidth", 4.0, "--robot", "kuka_iiwa"
-    )
+def test_options_that_are_given_win_and_the_registered_name_means_the_defaults(
+    evaluate: Command, env: Path
+) -> None:
+    given = ("--bandwidth", 4.0, "--robot", "kuka_iiwa")
+    done, content = evaluate("pd", "--env", env, *given)
     assert done.code == 0, done.err
     assert content["plan"]["bandwidth"] == 4.0 and len(content["arm"]["joints"]) == 7
-
-
-def test_the_registered_name_means_the_defaults(evaluate: Command) -> None:
     name = "gapscope/ArmTracking-v0"
-    done, content = evaluate("pd", "--env", name, *QUICK, "--seeds", 1)
+    done, content = evaluate("pd", "--env", name, *QUICK, "--seeds", 1, out="second")
     assert done.code == 0, done.err
     plan = content["plan"]
     assert plan["bandwidth"] == 4.0 and plan["engines"] == ["pybullet"]
@@ -186,7 +180,10 @@ CHANGES: dict[str, tuple[str, Command]] = {
 }
 
 
-@pytest.mark.parametrize("change", [*CHANGES, "--damping 0.8", "--again"])
+@pytest.mark.parametrize(
+    "change",
+    daily([*CHANGES, "--damping 0.8", "--again"], "robot", "damaged", "--again"),
+)
 def test_what_is_kept_is_not_used_for_anything_else(
     evaluate: Command,
     sick: Path,

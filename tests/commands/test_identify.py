@@ -200,6 +200,10 @@ def test_every_estimator(
     assert np.mean(inside) > 0.6
 
 
-def test_torque_is_let_pass_on_request(identify: Command, healthy: Path) -> None:
+def test_torque_is_let_pass_on_request_and_said(
+    identify: Command, healthy: Path
+) -> None:
     change_torque(healthy, lambda x: 0.1 * x)
-    identify(healthy, "--any-torque")
+    _, document = identify(healthy, "--any-torque")
+    assert "Torque unit" in document["warnings"][0]
+    assert "mend:" in document["warnings"][0]

@@ -1,12 +1,15 @@
 """Arms that several tests simulate."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from arms import ROD, written
+from own_effects import RECORDS
 
 from gapscope.arm.nominal import NominalArm
+from gapscope.effects.catalogue import register, remove
 from gapscope.envs.engines import ENGINES, installed
 from gapscope.envs.mystery_arm import iiwa
 
@@ -52,3 +55,13 @@ def engines():
         return name
 
     return check
+
+
+@pytest.fixture
+def own() -> Iterator[None]:
+    """The catalogue with effects of a user."""
+    for record in RECORDS.values():
+        register(record)
+    yield
+    for name in RECORDS:
+        remove(name)

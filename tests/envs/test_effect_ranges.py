@@ -23,12 +23,9 @@ from gapscope.envs.effect_ranges import (
 from gapscope.envs.environment import ArmTracking
 
 
-def friction(
-    joints: tuple[int, ...], low: list[float], high: list[float]
-) -> EffectRange:
-    ends = (
-        AppliedEffect("coulomb_friction", joints, {"torque": x}) for x in (low, high)
-    )
+def friction(joints: tuple[int, ...], low: list, high: list) -> EffectRange:
+    both = {"torque": low}, {"torque": high}
+    ends = (AppliedEffect("coulomb_friction", joints, x) for x in both)
     return EffectRange(*ends)
 
 
@@ -69,17 +66,21 @@ def test_a_limit_comes_from_the_units_that_have_it() -> None:
 def test_the_file_is_read_back(tmp_path: Path) -> None:
     payload = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.1, 0.0, -0.1]})
     stds = {"mass": np.array(0.1), "com": np.full(3, 0.01)}
-    ranges = EffectRanges(
-        (effect_range(payload, stds), friction((1,), [1.0], [2.0])),
+    both = effect_range(payload, stds), friction((1,), [1.0], [2.0])
+    write_effect_ranges(EffectRanges(both), tmp_path / "ranges.yaml", "# head\n")
+    again = read_effect_ranges(tmp_path / "ranges.yaml").ranges
+    written, read = (
+        [
+            (end.name, end.joints, {k: v.tolist() for k, v in end.parameters.items()})
+            for one in ranges
+            for end in (one.low, one.high)
+        ]
+        for ranges in (both, again)
     )
-    write_effect_ranges(ranges, tmp_path / "ranges.yaml", "# head\n")
-    again = read_effect_ranges(tmp_path / "ranges.yaml")
-    for one, other in zip(again.ranges, ranges.ranges, strict=True):
-        for end in ("low", "high"):
-            a, b = getattr(one, end), getattr(other, end)
-            assert (a.name, a.joints) == (b.name, b.joints)
-            for name, value in a.parameters.items():
-                assert value.tolist() == b.parameters[name].tolist()
+    assert read == written
+
+
+RANGE = "ranges: [{{effect: {}, joints: [1], low: {{torque: [{}]}}, high: {{torque: [2]}}}}]\n"
 
 
 @pytest.mark.parametrize(
@@ -87,14 +88,8 @@ def test_the_file_is_read_back(tmp_path: Path) -> None:
     [
         ("schema: 1\n", "ranges"),
         ("ranges: [{effect: coulomb_friction}]\n", "low: and high:"),
-        (
-            "ranges: [{effect: coulomb_friction, joints: [1], low: {torque: [3]}, high: {torque: [2]}}]\n",
-            "higher in low:",
-        ),
-        (
-            "ranges: [{effect: coulomb_frictio, joints: [1], low: {torque: [1]}, high: {torque: [2]}}]\n",
-            "coulomb_friction",
-        ),
+        (RANGE.format("coulomb_friction", 3), "higher in low:"),
+        (RANGE.format("coulomb_frictio", 1), "coulomb_friction"),
     ],
 )
 def test_a_bad_file_is_told(tmp_path: Path, text: str, message: str) -> None:

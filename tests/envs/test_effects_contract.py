@@ -1,11 +1,11 @@
 """What every effect of the catalogue has to fulfil on every engine."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from own_effects import RECORDS, on_arm
+from sweeps import daily
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -20,6 +20,8 @@ from gapscope.effects.severity import draw
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.simulated_arm import SimulatedArm
 
+EACH_ENGINE = pytest.mark.parametrize("engine", daily(ENGINES, "mujoco"))
+"""Effects belong to the drive, which is the same for every engine; ``test_engines.py`` holds the engines' contract."""
 POSTURE = np.array([0.1, 0.6, -0.2, -1.2, 0.3, 0.8, 0.1])
 SPEED = np.array([0.4, -0.3, 0.5, 0.4, -0.5, 0.6, -0.7])
 TORQUE = np.array([20.0, -60.0, 15.0, 25.0, -4.0, 2.0, 1.5])
@@ -66,121 +68,88 @@ def _run(
     arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, steps: int = 60
 ) -> np.ndarray:
     """Readings and true state under a torque that changes its sign, shape (steps, 3 n)."""
-    rng = np.random.default_rng(3)
-    rows = []
-    with SimulatedArm(
-        arm, effects, engine=engine, encoder_noise=1e-5, rng=rng
-    ) as simulated:
+    rows, how = [], {"engine": engine, "encoder_noise": 1e-5}
+    with SimulatedArm(arm, effects, rng=np.random.default_rng(3), **how) as simulated:
         simulated.reset(POSTURE, SPEED, time=1.9)
         for i in range(steps):
             simulated.step(TORQUE * np.cos(0.2 * i), 2)
-            rows.append(
-                np.concatenate([simulated.encoders(), simulated.q, simulated.dq])
-            )
+            rows.append(np.r_[simulated.encoders(), simulated.q, simulated.dq])
     return np.array(rows)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+def _zero(effect: Effect, **others: float) -> dict[str, object]:
+    """No effect by its values, but for others."""
+    return {
+        p.name: np.zeros(p.size) if p.size > 1 else others.get(p.name, 0.0)
+        for p in effect.parameters
+    }
+
+
+SHORTLY = {
+    # drawn beyond the torque of a short motion
+    "torque_saturation": {"limit": [10.0, 10.0]},
+    "external_force": {"force": [20.0, 5.0, -9.0], "start": 1.9, "end": 2.0},
+}
+ACTING = {"link": 3.0, "velocity": 1.0, "time_constant": 5.0, "cycles": 3.0, "phase": 0.5, "end": 9.0}  # fmt: skip
+"""Parameters that are not zero where another one acts."""
+
+
+@EACH_ENGINE
 @pytest.mark.parametrize("name", CATALOGUE)
-class TestContract:
-    def test_builds_moves_and_repeats_itself_bit_by_bit(
-        self, engines, data_sheet_arm: NominalArm, name: str, engine: str
-    ) -> None:
-        effect = _drawn(data_sheet_arm, name)
-        first, second = (
-            _run(data_sheet_arm, (effect,), engines(engine)) for _ in range(2)
+def test_an_effect_repeats_itself_and_on_means_on_and_off_means_off(
+    engines, data_sheet_arm: NominalArm, name: str, engine: str
+) -> None:
+    arm, effect, engine = data_sheet_arm, CATALOGUE[name], engines(engine)
+    nominal = _run(arm, (), engine)
+    drawn, again = (_run(arm, (_drawn(arm, name),), engine) for _ in "ab")
+    assert np.isfinite(drawn).all() and np.ptp(drawn, axis=0).min() > 0
+    np.testing.assert_array_equal(drawn, again)
+    if name in SHORTLY:
+        drawn = _run(arm, (_applied(effect, SHORTLY[name]),), engine)
+    assert np.abs(drawn - nominal).max() > 1e-5
+    if name not in NEVER_OFF:
+        off = _applied(effect, _zero(effect) | OFF.get(name, {}))
+        np.testing.assert_allclose(_run(arm, (off,), engine), nominal, atol=1e-12)
+
+
+@EACH_ENGINE
+@pytest.mark.parametrize("name", SIGNED)
+def test_a_negative_value_acts_the_other_way(
+    engines, data_sheet_arm: NominalArm, name: str, engine: str
+) -> None:
+    effect, key = CATALOGUE[name], SIGNED[name]
+    size = np.array([1.0, 2.0, 3.0]) if name == "external_force" else 0.01
+    below, zero, above = (
+        _run(
+            data_sheet_arm,
+            (_applied(effect, _zero(effect, **ACTING) | {key: sign * size}),),
+            engines(engine),
+            steps=3,
         )
-        assert np.isfinite(first).all() and np.ptp(first, axis=0).min() > 0
-        np.testing.assert_array_equal(first, second)
-
-    def test_on_means_on_and_off_means_off(
-        self, engines, data_sheet_arm: NominalArm, name: str, engine: str
-    ) -> None:
-        nominal = _run(data_sheet_arm, (), engines(engine))
-        if name == "torque_saturation":  # drawn beyond the torque of this short motion
-            on = _applied(CATALOGUE[name], {"limit": [10.0, 10.0]})
-        elif name == "external_force":
-            on = _applied(
-                CATALOGUE[name], {"force": [20.0, 5.0, -9.0], "start": 1.9, "end": 2.0}
-            )
-        else:
-            on = _drawn(data_sheet_arm, name)
-        assert np.abs(_run(data_sheet_arm, (on,), engine) - nominal).max() > 1e-5
-        if name in NEVER_OFF:
-            return
-        zero = {
-            p.name: np.zeros(p.size) if p.size > 1 else 0.0
-            for p in CATALOGUE[name].parameters
-        }
-        off = _applied(CATALOGUE[name], {**zero, **OFF.get(name, {})})
-        np.testing.assert_allclose(
-            _run(data_sheet_arm, (off,), engine), nominal, atol=1e-12
-        )
-
-    def test_a_negative_value_acts_the_other_way(
-        self, engines, data_sheet_arm: NominalArm, name: str, engine: str
-    ) -> None:
-        if name not in SIGNED:
-            pytest.skip(f"{name} has no sign")
-        effect, key = CATALOGUE[name], SIGNED[name]
-        rest = {
-            "link": 3.0,
-            "velocity": 1.0,
-            "time_constant": 5.0,
-            "cycles": 3.0,
-            "phase": 0.5,
-            "end": 9.0,
-        }
-        moved = {}
-        for sign in (-1.0, 0.0, 1.0):
-            values: dict[str, object] = {
-                p.name: np.zeros(p.size) if p.size > 1 else rest.get(p.name, 0.0)
-                for p in effect.parameters
-            }
-            values[key] = (
-                sign * np.array([1.0, 2.0, 3.0])
-                if name == "external_force"
-                else sign * 0.01
-            )
-            moved[sign] = _run(
-                data_sheet_arm, (_applied(effect, values),), engines(engine), steps=3
-            )
-        up, down = moved[1.0] - moved[0.0], moved[-1.0] - moved[0.0]
-        assert np.abs(up).max() > 1e-9
-        np.testing.assert_allclose(up, -down, atol=0.03 * np.abs(up).max())
+        for sign in (-1.0, 0.0, 1.0)
+    )
+    up, down = above - zero, below - zero
+    assert np.abs(up).max() > 1e-9
+    np.testing.assert_allclose(up, -down, atol=0.03 * np.abs(up).max())
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@EACH_ENGINE
 def test_a_very_stiff_joint_is_nearly_rigid(
     engines, data_sheet_arm: NominalArm, engine: str
 ) -> None:
-    stiff = AppliedEffect(
-        "joint_elasticity", (2,), {"stiffness": [3e6], "damping": [300.0]}
-    )
+    values = {"stiffness": [3e6], "damping": [300.0]}
+    stiff = AppliedEffect("joint_elasticity", (2,), values)
     rigid, elastic = (
         _run(data_sheet_arm, effects, engines(engine), 20) for effects in ((), (stiff,))
     )
     np.testing.assert_allclose(elastic[:, 7:14], rigid[:, 7:14], atol=1e-3)
 
 
-@pytest.fixture
-def own() -> Iterator[None]:
-    """The catalogue with effects of a user."""
-    for record in RECORDS.values():
-        register(record)
-    yield
-    for name in RECORDS:
-        remove(name)
-
-
 STEADY = tuple(
     name for name, effect in CATALOGUE.items() if not isinstance(effect, Transmission)
 )
 """Joints with two masses ring; they are compared with closed formulas in ``drive/test_two_mass.py``."""
-MOTOR_LIMITS = (
-    "torque_saturation falling with the speed",
-    "torque_scale falling with heat",
-)
+
 DT = 1e-3
 
 
@@ -217,43 +186,40 @@ def _gaps(
     return np.abs(before[inner]).max(), np.abs(after[inner]).max(), seen, q
 
 
-def _severe(arm: NominalArm, name: str) -> AppliedEffect:
-    """An effect that shows on the planned motion."""
-    if name in RECORDS:
-        return on_arm(name)
-    values = {
-        "torque_saturation": {"limit": [67.5, 19.0]},
-        "torque_saturation falling with the speed": {
-            "limit": [75.0, 22.0],
-            "corner_speed": 0.3,
-            "no_load_speed": [1.05, 1.5],
-        },
-        "torque_scale falling with heat": {
-            "scale": 0.0,
-            "fading": 0.15,
-            "rated": [60.0, 20.0],
-            "warming_time": 0.2,
-        },
-        "external_force": {"force": [20.0, 5.0, -9.0], "start": 0.2, "end": 0.3},
-    }.get(name)
-    return _applied(CATALOGUE[name.split()[0]], values) if values else _drawn(arm, name)
+SEVERE = {
+    "torque_saturation": {"limit": [67.5, 19.0]},
+    "torque_saturation falling with the speed": {
+        "limit": [75.0, 22.0],
+        "corner_speed": 0.3,
+        "no_load_speed": [1.05, 1.5],
+    },
+    "torque_scale falling with heat": {
+        "scale": 0.0,
+        "fading": 0.15,
+        "rated": [60.0, 20.0],
+        "warming_time": 0.2,
+    },
+    "external_force": {"force": [20.0, 5.0, -9.0], "start": 0.2, "end": 0.3},
+}
+"""Values that show on the planned motion, of effects whose drawn ones do not."""
 
 
 @pytest.mark.usefixtures("own")
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("name", [*STEADY, *RECORDS, *MOTOR_LIMITS])
+@EACH_ENGINE
+@pytest.mark.parametrize("name", [*STEADY, *RECORDS, *(x for x in SEVERE if " " in x)])
 def test_the_simulated_motion_needs_the_torque_that_the_law_says(
     engines, data_sheet_arm: NominalArm, name: str, engine: str
 ) -> None:
     """Viscous friction of the end of a step instead of its beginning makes 0.01 N m; the effects are 40 times that."""
-    effect = _severe(data_sheet_arm, name)
-    before, after, seen, q = _gaps(data_sheet_arm, effect, engines(engine))
+    arm = data_sheet_arm
+    if name in SEVERE:
+        effect = _applied(CATALOGUE[name.split()[0]], SEVERE[name])
+    else:
+        effect = on_arm(name) if name in RECORDS else _drawn(arm, name)
+    before, after, seen, q = _gaps(arm, effect, engines(engine))
     assert after < 0.012
     assert before > 0.4 or name == "encoder_quantization"
-    ((law, values),) = CorrectedArm(data_sheet_arm, (effect,)).of_kind(Sensing) or (
-        (None, None),
-    )
-    if law is not None:
+    for law, values in CorrectedArm(arm, (effect,)).of_kind(Sensing):
         np.testing.assert_allclose(seen, law.recorded(q, *values), rtol=1e-15)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import Link, written
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -22,15 +23,13 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.friction import COULOMB
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.severity import draw
-from gapscope.envs.engines import installed
 from gapscope.envs.export.formats import export
 from gapscope.envs.export.plain_arm import FORMATS, HELD, holds
 
+LINK_2 = {"link": 2, "mass": 0.4, "com": [0.01, 0.02, -0.01]}
 BODIES = (
     AppliedEffect("payload", (), {"mass": 1.3, "com": [0.02, -0.01, 0.05]}),
-    AppliedEffect(
-        "link_inertia", (), {"link": 2, "mass": 0.4, "com": [0.01, 0.02, -0.01]}
-    ),
+    AppliedEffect("link_inertia", (), LINK_2),
     AppliedEffect("base_tilt", (), {"roll": 0.1, "pitch": -0.2}),
 )
 DRIVES = (
@@ -41,11 +40,10 @@ DRIVES = (
     AppliedEffect("torque_saturation", (4,), {"limit": [20.0]}),
 )
 OFF = (AppliedEffect("encoder_offset", (2, 4), {"offset": [0.03, -0.05]}),)
+WARMING = {"amplitude": [0.5], "time_constant": [60.0]}
 HARD = (
     AppliedEffect("load_friction", (2,), {"coefficient": [0.1]}),
-    AppliedEffect(
-        "friction_drift", (4,), {"amplitude": [0.5], "time_constant": [60.0]}
-    ),
+    AppliedEffect("friction_drift", (4,), WARMING),
     AppliedEffect("encoder_quantization", (3,), {"step": [0.002]}),
 )
 ROBOTS = ("kuka_iiwa", "franka_panda")
@@ -55,14 +53,9 @@ Torque = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 def states(arm: CorrectedArm, seed: int = 0, count: int = 6) -> Motion:
     """Random states within the limits, as a motion whose samples have nothing to do with each other."""
     rng, n = np.random.default_rng(seed), arm.arm.n_joints
-    low, high = RigidBody(arm.arm).position_limits()
-    q = rng.uniform(np.clip(0.9 * low, -2, 2), np.clip(0.9 * high, -2, 2), (count, n))
-    return Motion(
-        np.arange(count) / 250,
-        q,
-        rng.normal(size=(count, n)),
-        3 * rng.normal(size=(count, n)),
-    )
+    ends = np.clip(0.9 * np.array(RigidBody(arm.arm).position_limits()), -2, 2)
+    q, dq, ddq = rng.uniform(*ends, (count, n)), *rng.normal(size=(2, count, n))
+    return Motion(np.arange(count) / 250, q, dq, 3 * ddq)
 
 
 def each(motion: Motion, torque: Torque) -> np.ndarray:
@@ -77,25 +70,16 @@ def needed(arm: CorrectedArm, motion: Motion) -> np.ndarray:
 
 def random_effects(rng: np.random.Generator, n: int) -> tuple[AppliedEffect, ...]:
     """Changes of the bodies, of any size that a body can have."""
+    payload = {"mass": rng.uniform(0, 5), "com": rng.uniform(-0.2, 0.2, 3)}
+    tilt = {"roll": rng.uniform(-1, 1), "pitch": rng.uniform(-1, 1)}
+    links = [
+        {"link": j, "mass": rng.uniform(-0.4, 1), "com": rng.uniform(-0.05, 0.05, 3)}
+        for j in range(1, n + 1)
+    ]
     return (
-        AppliedEffect(
-            "payload", (), {"mass": rng.uniform(0, 5), "com": rng.uniform(-0.2, 0.2, 3)}
-        ),
-        *(
-            AppliedEffect(
-                "link_inertia",
-                (),
-                {
-                    "link": j + 1,
-                    "mass": rng.uniform(-0.4, 1),
-                    "com": rng.uniform(-0.05, 0.05, 3),
-                },
-            )
-            for j in range(n)
-        ),
-        AppliedEffect(
-            "base_tilt", (), {"roll": rng.uniform(-1, 1), "pitch": rng.uniform(-1, 1)}
-        ),
+        AppliedEffect("payload", (), payload),
+        *(AppliedEffect("link_inertia", (), link) for link in links),
+        AppliedEffect("base_tilt", (), tilt),
     )
 
 
@@ -125,8 +109,7 @@ def nominal(request: pytest.FixtureRequest) -> NominalArm:
 
 @pytest.fixture
 def bullet() -> Iterator[object]:
-    import pybullet
-
+    pybullet = pytest.importorskip("pybullet")
     client = pybullet.connect(pybullet.DIRECT)
     pybullet.setGravity(0, 0, -9.81)
     yield pybullet
@@ -150,36 +133,28 @@ class TestTorque:
         self, nominal: NominalArm, bullet, tmp_path: Path
     ) -> None:
         arm = CorrectedArm(nominal, BODIES)
-        export(arm, "urdf", tmp_path / "arm.urdf")
+        file, _ = exported(arm, "urdf", tmp_path)
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
-        robot = bullet.loadURDF(
-            str(tmp_path / "arm.urdf"), useFixedBase=True, flags=flags
-        )
+        robot = bullet.loadURDF(str(file), useFixedBase=True, flags=flags)
 
         def torque(*state: np.ndarray) -> np.ndarray:
-            return np.array(
-                bullet.calculateInverseDynamics(robot, *(x.tolist() for x in state))
-            )
+            lists = (x.tolist() for x in state)
+            return np.array(bullet.calculateInverseDynamics(robot, *lists))
 
         motion = states(arm)
         want = arm.rigid_torque(RigidBody(nominal), motion)
         assert each(motion, torque) == pytest.approx(want, rel=1e-6, abs=1e-6)
 
-    @pytest.mark.skipif(not installed("mujoco"), reason="mujoco is not installed")
     def test_of_mjcf_in_mujoco_with_rotors_friction_and_springs(
         self, nominal: NominalArm, tmp_path: Path
     ) -> None:
-        import mujoco
-
+        mujoco = pytest.importorskip("mujoco")
         arm = CorrectedArm(nominal, BODIES + DRIVES + OFF)
-        missing, _ = export(arm, "mjcf", tmp_path / "arm.xml")
+        file, missing = exported(arm, "mjcf", tmp_path)
         assert missing == ("velocity limits of the joints: MuJoCo knows none",)
-        model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
-        dry = model.dof_frictionloss.copy()
-        off = (
-            mujoco.mjtDisableBit.mjDSBL_CONTACT
-            | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
-        )
+        model = mujoco.MjModel.from_xml_path(str(file))
+        dry, bits = model.dof_frictionloss.copy(), mujoco.mjtDisableBit
+        off = bits.mjDSBL_CONTACT | bits.mjDSBL_FRICTIONLOSS
         model.opt.disableflags |= off
         data = mujoco.MjData(model)
 
@@ -194,29 +169,26 @@ class TestTorque:
 
     def test_of_sdf_in_dart(self, tmp_path: Path) -> None:
         dartpy = pytest.importorskip("dartpy")
-
         arm = iiwa(*BODIES, *OFF)
-        export(arm, "sdf", tmp_path / "arm.sdf")
-        text = ET.parse(tmp_path / "arm.sdf")
+        file, _ = exported(arm, "sdf", tmp_path)
+        text = ET.parse(file)
         for link in text.getroot().iter("link"):  # DART is slow at shapes
             for shape in (*link.findall("visual"), *link.findall("collision")):
                 link.remove(shape)
-        text.write(tmp_path / "arm.sdf")
-        skeleton = dartpy.utils.SdfParser.readSkeleton(str(tmp_path / "arm.sdf"))
+        text.write(file)
+        skeleton = dartpy.utils.SdfParser.readSkeleton(str(file))
         skeleton.setGravity(np.array([0, 0, -9.81]))
 
-        def torque(*state: np.ndarray) -> np.ndarray:
-            for setter, value in zip(
-                ("Positions", "Velocities", "Accelerations"), state, strict=True
-            ):
-                getattr(skeleton, f"set{setter}")(value)
+        def torque(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+            skeleton.setPositions(q)
+            skeleton.setVelocities(dq)
+            skeleton.setAccelerations(ddq)
             skeleton.computeInverseDynamics()
             return skeleton.getForces().copy()
 
         motion = states(arm)
-        assert each(motion, torque) == pytest.approx(
-            arm.rigid_torque(RigidBody(arm.arm), motion), rel=1e-6, abs=1e-9
-        )
+        want = arm.rigid_torque(RigidBody(arm.arm), motion)
+        assert each(motion, torque) == pytest.approx(want, rel=1e-6, abs=1e-9)
 
     @pytest.mark.parametrize(
         ("effects", "gravity"), [(OFF, (0.0, 0.0, -9.81)), (BODIES, (0.0, -9.81, 0.0))]
@@ -239,18 +211,12 @@ class TestTorque:
         self, tmp_path: Path
     ) -> None:
         """3 kg less than the flange weighs alone, but its hand is heavier still."""
-        (tmp_path / "robot.urdf").write_text(
-            '<robot name="r"><link name="base"/><joint name="j" type="revolute"><parent link="base"/><child link="l"/>'
-            '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="3"/></joint><link name="l"><inertial>'
-            '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            '<joint name="f" type="fixed"><parent link="l"/><child link="hand"/><origin xyz="0.5 0 0"/></joint>'
-            '<link name="hand"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-            "</inertial></link></robot>"
-        )
-        lighter = AppliedEffect(
-            "link_inertia", (), {"link": 1, "mass": -3.0, "com": [0.0, 0.0, 0.1]}
-        )
-        arm = CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf"), (lighter,))
+        flange = Link("j", "l", mass=1, com="0 0 0", inertia="1 1 1")
+        hand = flange._replace(joint="f", name="hand", mass=9, origin="0.5 0 0")
+        hand = hand._replace(kind="fixed")
+        robot = load_nominal_arm(written(tmp_path / "robot.urdf", "r", flange, hand))
+        less = {"link": 1, "mass": -3.0, "com": [0.0, 0.0, 0.1]}
+        arm = CorrectedArm(robot, (AppliedEffect("link_inertia", (), less),))
         file, _ = exported(arm, "urdf", tmp_path)
         mass = RigidBody(load_nominal_arm(file)).inertial_parameters()[0]
         assert mass == pytest.approx(7.0)
@@ -275,37 +241,24 @@ class TestJoints:
 
     def test_friction_spring_and_limits_in_sdf(self, tmp_path: Path) -> None:
         arm = iiwa(*DRIVES)
-        export(arm, "sdf", tmp_path / "arm.sdf")
-        root = ET.parse(tmp_path / "arm.sdf").getroot()
-        joints = {joint.get("name"): joint for joint in root.iter("joint")}
-        said = {
-            x.tag: float(x.text)
-            for x in joints[arm.arm.joints[1]].find("axis/dynamics")
+        file, _ = exported(arm, "sdf", tmp_path)
+        axes = {
+            joint.get("name"): {x.tag: x.text for x in joint.iter()}
+            for joint in ET.parse(file).getroot().iter("joint")
         }
-        assert said == {
-            "damping": 0.5,
-            "friction": 4.0,
-            "spring_reference": 0.3,
-            "spring_stiffness": 12.0,
-        }
-        limit = {
-            x.tag: float(x.text) for x in joints[arm.arm.joints[3]].find("axis/limit")
-        }
-        assert limit == pytest.approx(
-            {"lower": -2.0943951, "upper": 2.0943951, "effort": 20.0, "velocity": 10.0}
-        )
+        second, fourth = (axes[arm.arm.joints[j]] for j in (1, 3))
+        drive = {"damping": 0.5, "friction": 4, "spring_reference": 0.3}
+        drive |= {"spring_stiffness": 12}
+        limit = {"lower": -2.0943951, "upper": 2.0943951, "effort": 20, "velocity": 10}
+        for said, expected in ((second, drive), (fourth, limit)):
+            found = {key: float(said[key]) for key in expected}
+            assert found == pytest.approx(expected)
 
     def test_joints_that_are_not_the_arms_are_fixed(self, tmp_path: Path) -> None:
-        missing, _ = export(
-            CorrectedArm(load_nominal_arm("franka_panda")),
-            "urdf",
-            tmp_path / "arm.urdf",
-        )
-        assert (
-            len(missing) == 1
-            and "panda_finger_joint1, panda_finger_joint2" in missing[0]
-        )
-        assert load_nominal_arm(tmp_path / "arm.urdf").n_joints == 7
+        arm = CorrectedArm(load_nominal_arm("franka_panda"))
+        file, (missing,) = exported(arm, "urdf", tmp_path)
+        assert "panda_finger_joint1, panda_finger_joint2" in missing
+        assert load_nominal_arm(file).n_joints == 7
 
 
 class TestShapes:
@@ -314,118 +267,92 @@ class TestShapes:
     def test_meshes_are_found_from_the_new_place(
         self, tmp_path: Path, form: str, relative: bool
     ) -> None:
-        out = tmp_path / "deep" / "arm.xml"
-        export(
-            CorrectedArm(load_nominal_arm("franka_panda")), form, out, relative=relative
-        )
+        out, arm = tmp_path / "deep" / "arm.xml", load_nominal_arm("franka_panda")
+        export(CorrectedArm(arm), form, out, relative=relative)
         root = ET.parse(out).getroot()
-        names = [
-            x.get("filename") or x.get("file")
-            for x in root.iter("mesh")
-            if x.get("filename") or x.get("file")
-        ]
-        names += [uri.text for uri in root.iter("uri")]
+        given = [x.get("filename") or x.get("file") for x in root.iter("mesh")]
+        names = [*filter(None, given), *(uri.text for uri in root.iter("uri"))]
         assert len(names) > 8
-        for name in names:
-            assert (
-                Path(name).is_absolute() != relative and (out.parent / name).is_file()
-            )
+        assert all(Path(name).is_absolute() != relative for name in names)
+        assert all((out.parent / name).is_file() for name in names)
 
     def test_a_urdf_without_its_meshes_is_read_by_pybullet(
-        self, tmp_path: Path
+        self, bullet, tmp_path: Path
     ) -> None:
         """A recorded case has the URDF alone: shapes without a mesh are left out, those of packages keep their name."""
-        pybullet = pytest.importorskip("pybullet")
         pytest.importorskip("pybullet_data", reason="the iiwa's meshes are there")
-        text = load_nominal_arm("kuka_iiwa").urdf.read_text()
-        text = text.replace("meshes/link_3.stl", "package://iiwa/link_3.stl")
-        (tmp_path / "robot.urdf").write_text(text)
-        out = tmp_path / "arm.urdf"
-        arm = CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf"))
-        missing, _ = export(arm, "urdf", out)
+        known, robot = load_nominal_arm("kuka_iiwa").urdf, tmp_path / "robot.urdf"
+        robot.write_text(
+            known.read_text().replace("meshes/link_3.stl", "package://iiwa/link_3.stl")
+        )
+        out, missing = exported(CorrectedArm(load_nominal_arm(robot)), "urdf", tmp_path)
         names = {x.get("filename") for x in ET.parse(out).getroot().iter("mesh")}
         assert names == {"package://iiwa/link_3.stl"}
         said = "\n".join(missing)
         assert "link_3.stl is not found, its name is kept" in said
         assert "link_4.stl is not found" in said
-        (tmp_path / "robot.urdf").write_text(
-            load_nominal_arm("kuka_iiwa").urdf.read_text()
-        )
-        export(CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf")), "urdf", out)
-        client = pybullet.connect(pybullet.DIRECT)
-        try:
-            body = pybullet.loadURDF(str(out), physicsClientId=client)
-            assert pybullet.getNumJoints(body, physicsClientId=client) >= 7
-        finally:
-            pybullet.disconnect(client)
+        robot.write_text(known.read_text())
+        exported(CorrectedArm(load_nominal_arm(robot)), "urdf", tmp_path)
+        assert bullet.getNumJoints(bullet.loadURDF(str(out))) >= 7
 
 
 class TestLeftOut:
     @pytest.mark.parametrize("form", FORMATS)
     def test_is_told_and_written_with_figures(self, tmp_path: Path, form: str) -> None:
-        out = tmp_path / "arm.xml"
-        missing, _ = export(iiwa(*DRIVES, *HARD), form, out)
-        text = out.read_text(encoding="utf-8")
-        said = "\n".join(missing)
-        for part in (
-            "nearest: Coulomb friction higher by",
-            "friction_drift, joint 4: amplitude 0.5; time_constant 60 s",
-            "encoder_quantization, joint 3: step 0.002 rad",
-        ):
-            assert part in said
-        assert ("armature" in said) == (form != "mjcf") and (
-            "parallel_spring" in said
-        ) == (form == "urdf")
+        file, missing = exported(iiwa(*DRIVES, *HARD), form, tmp_path)
+        said, text = "\n".join(missing), file.read_text(encoding="utf-8")
+        assert "nearest: Coulomb friction higher by" in said
+        assert "friction_drift, joint 4: amplitude 0.5; time_constant 60 s" in said
+        assert "encoder_quantization, joint 3: step 0.002 rad" in said
+        assert ("armature" in said) == (form != "mjcf")
+        assert ("parallel_spring" in said) == (form == "urdf")
         assert all(line in text for line in missing)
 
     @pytest.mark.parametrize("form", FORMATS)
-    @pytest.mark.parametrize("name", CATALOGUE)
     def test_every_effect_is_held_or_told(
-        self, data_sheet_arm: NominalArm, tmp_path: Path, form: str, name: str
+        self, data_sheet_arm: NominalArm, tmp_path: Path, form: str
     ) -> None:
-        scale = ArmScale.of(data_sheet_arm)
-        effect = draw(name, np.random.default_rng(0), scale, (1,))
-        _, missing = exported(CorrectedArm(data_sheet_arm, (effect,)), form, tmp_path)
-        told = any(line.startswith(name) for line in missing)
-        assert told != holds(HELD[form], CATALOGUE[name])
+        """All of them on one arm."""
+        rng, scale = np.random.default_rng(0), ArmScale.of(data_sheet_arm)
+        effects = tuple(draw(name, rng, scale, (1,)) for name in CATALOGUE)
+        _, missing = exported(CorrectedArm(data_sheet_arm, effects), form, tmp_path)
+        told = {name for name in CATALOGUE for x in missing if x.startswith(name)}
+        held = {x for x, effect in CATALOGUE.items() if holds(HELD[form], effect)}
+        assert told == CATALOGUE.keys() - held
 
 
-class TestMjcfSource:
-    MJCF = (
-        '<mujoco model="m"><compiler angle="radian" autolimits="true"/><worldbody><body name="base"><body name="l">'
-        '<inertial pos="0.3 0 0.1" mass="2" diaginertia="0.1 0.2 0.25"/><joint name="j" axis="0 1 0" range="-1 1" '
-        'armature="0.3" damping="0.4" frictionloss="0.5"/></body></body></worldbody></mujoco>'
-    )
+MJCF = (
+    '<mujoco model="m"><compiler angle="radian" autolimits="true"/><worldbody><body name="base"><body name="l">'
+    '<inertial pos="0.3 0 0.1" mass="2" diaginertia="0.1 0.2 0.25"/><joint name="j" axis="0 1 0" range="-1 1" '
+    'armature="0.3" damping="0.4" frictionloss="0.5"/></body></body></worldbody></mujoco>'
+)
 
-    @pytest.mark.parametrize("form", ["urdf", "mjcf"])
-    def test_bodies_are_written_without_shapes(self, tmp_path: Path, form: str) -> None:
-        (tmp_path / "robot.xml").write_text(self.MJCF)
-        arm = CorrectedArm(load_nominal_arm(tmp_path / "robot.xml"), BODIES[:1])
-        out = tmp_path / "out.xml"
-        missing, _ = export(arm, form, out)
-        assert any("URDF files alone" in line for line in missing)
-        again, motion = load_nominal_arm(out), states(arm)
-        want = arm.rigid_torque(RigidBody(arm.arm), motion)
-        assert in_pinocchio(out, motion) == pytest.approx(want, rel=1e-9)
-        assert again.viscous == pytest.approx([0.4]) and again.coulomb == pytest.approx(
-            [0.5]
-        )
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+def test_bodies_of_an_mjcf_are_written_without_shapes(
+    tmp_path: Path, form: str
+) -> None:
+    (tmp_path / "robot.xml").write_text(MJCF)
+    arm = CorrectedArm(load_nominal_arm(tmp_path / "robot.xml"), BODIES[:1])
+    out = tmp_path / "out.xml"
+    missing, _ = export(arm, form, out)
+    assert any("URDF files alone" in line for line in missing)
+    again, motion = load_nominal_arm(out), states(arm)
+    want = arm.rigid_torque(RigidBody(arm.arm), motion)
+    assert in_pinocchio(out, motion) == pytest.approx(want, rel=1e-9)
+    assert (*again.viscous, *again.coulomb) == pytest.approx((0.4, 0.5))
+
+
+ENERGY = AppliedEffect("viscous_friction", (2,), {"coefficient": [-3.0]})
+WEIGHTLESS = AppliedEffect("payload", (), {"mass": -40.0, "com": [0.0, 0.0, 0.0]})
 
 
 @pytest.mark.parametrize(
     ("form", "effects", "message"),
     [
         ("mjc", (), "did you mean 'mjcf'"),
-        (
-            "urdf",
-            (AppliedEffect("viscous_friction", (2,), {"coefficient": [-3.0]}),),
-            "feed energy in",
-        ),
-        (
-            "sdf",
-            (AppliedEffect("payload", (), {"mass": -40.0, "com": [0.0, 0.0, 0.0]}),),
-            "payload",
-        ),
+        ("urdf", (ENERGY,), "feed energy in"),
+        ("sdf", (WEIGHTLESS,), "payload"),
     ],
 )
 def test_what_cannot_be_is_refused(
@@ -436,32 +363,31 @@ def test_what_cannot_be_is_refused(
     assert not list(tmp_path.iterdir())
 
 
-class TestOwnEffect:
-    """A user's own effect is exported by the quantities that its record says; without any it is left out."""
+SEAL = replace(
+    COULOMB,
+    name="seal_drag",
+    parameters=(Parameter("drag", "s", "N m", (0.0, 10.0), (0.1, 1.0)),),
+    quantities={"drag": "friction"},
+    parametrisation=None,
+    severity=None,
+)
+"""The effect of a user."""
 
-    SEAL = replace(
-        COULOMB,
-        name="seal_drag",
-        parameters=(Parameter("drag", "s", "N m", (0.0, 10.0), (0.1, 1.0)),),
-        quantities={"drag": "friction"},
-        parametrisation=None,
-        severity=None,
-    )
 
-    @pytest.fixture(params=["friction", "nothing"])
-    def said(self, request: pytest.FixtureRequest) -> Iterator[bool]:
-        says = request.param == "friction"
-        register(self.SEAL if says else replace(self.SEAL, quantities={}))
-        yield says
-        remove(self.SEAL.name)
+@pytest.fixture(params=[True, False], ids=["friction", "nothing"])
+def said(request: pytest.FixtureRequest) -> Iterator[bool]:
+    """Whether its record says a quantity."""
+    register(SEAL if request.param else replace(SEAL, quantities={}))
+    yield request.param
+    remove(SEAL.name)
 
-    @pytest.mark.parametrize("form", [*FORMATS, "isaac_lab", "gazebo"])
-    def test_is_held_by_its_quantities(
-        self, tmp_path: Path, form: str, said: bool
-    ) -> None:
-        effect = AppliedEffect("seal_drag", (2,), {"drag": [0.625]})
-        arm = iiwa(effect)
-        missing, _ = export(arm, form, tmp_path / "arm.out")
-        assert any(line.startswith("seal_drag, joint 2") for line in missing) != said
-        written = (tmp_path / "arm.out").read_text().replace("drag 0.625", "")
-        assert ("0.625" in written) == said
+
+@pytest.mark.parametrize("form", [*FORMATS, "isaac_lab", "gazebo"])
+def test_an_own_effect_is_held_by_its_quantities_or_left_out(
+    tmp_path: Path, form: str, said: bool
+) -> None:
+    arm = iiwa(AppliedEffect("seal_drag", (2,), {"drag": [0.625]}))
+    file, missing = exported(arm, form, tmp_path)
+    assert any(line.startswith("seal_drag, joint 2") for line in missing) != said
+    written = file.read_text().replace("drag 0.625", "")
+    assert ("0.625" in written) == said

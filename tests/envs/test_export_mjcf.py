@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from arms import Link, written
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
@@ -39,21 +40,19 @@ ROUGH = {
 """Share of the gap that may remain of what MuJoCo has in another form; see ``docs/export.md``."""
 
 
-def link(number: int, axis: str, length: float) -> str:
-    return (
-        f'<joint name="j{number}" type="revolute"><parent link="l{number - 1}"/><child link="l{number}"/>'
-        f'<origin xyz="0 0 {length}"/><axis xyz="{axis}"/>'
-        '<limit lower="-3" upper="3" effort="200" velocity="5"/></joint>'
-        f'<link name="l{number}"><inertial><origin xyz="0 0 0.15"/><mass value="3"/><inertia ixx="0.04" iyy="0.04" '
-        'izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-    )
+LINK = Link(
+    "j", "l", mass=3, com="0 0 0.15", inertia="0.04 0.04 0.02", limit="-3 3 200 5"
+)
+LINKS = (
+    LINK._replace(joint="j1", name="l1", axis="0 0 1", origin="0 0 0.2"),
+    LINK._replace(joint="j2", name="l2", origin="0 0 0.3"),
+    LINK._replace(joint="j3", name="l3", origin="0 0 0.3"),
+)
 
 
 @pytest.fixture
 def arm(tmp_path: Path) -> NominalArm:
-    links = link(1, "0 0 1", 0.2) + link(2, "0 1 0", 0.3) + link(3, "0 1 0", 0.3)
-    file = tmp_path / "robot.urdf"
-    file.write_text(f'<robot name="r"><link name="l0"/>{links}</robot>')
+    file = written(tmp_path / "robot.urdf", "r", *LINKS)
     return load_nominal_arm(file, sheet=SHEET)
 
 

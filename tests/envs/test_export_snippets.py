@@ -7,6 +7,7 @@ import sys
 import types
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -68,10 +69,10 @@ def corrected() -> CorrectedArm:
 
 @pytest.fixture(scope="module")
 def ranges(corrected: CorrectedArm) -> EffectRanges:
-    found = [
-        effect_range(e, {k: 0.1 * np.abs(v) for k, v in e.parameters.items()})
-        for e in EFFECTS
-    ]
+    found = []
+    for effect in EFFECTS:
+        deviations = {k: 0.1 * np.abs(v) for k, v in effect.parameters.items()}
+        found.append(effect_range(effect, deviations))
     return within_nominal(found, corrected.arm)
 
 
@@ -114,13 +115,13 @@ def run(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     for name in imported(ast.parse(text)):
         if name in ("math", "numpy"):
             continue
-        parts = name.split(".")
-        for k in range(1, len(parts) + 1):
-            inner = ".".join(parts[:k])
+        above = None
+        for inner in accumulate(name.split("."), "{}.{}".format):
             module = modules.setdefault(inner, Anything(inner))
             monkeypatch.setitem(sys.modules, inner, module)
-            if k > 1:
-                setattr(modules[".".join(parts[: k - 1])], parts[k - 1], module)
+            if above is not None:
+                setattr(above, inner.rpartition(".")[2], module)
+            above = module
     scope: dict[str, Any] = {}
     exec(compile(text, str(path), "exec"), scope)
     return scope
@@ -182,11 +183,9 @@ class TestIsaacLab:
     def test_a_range_from_zero_is_said_to_have_no_factor(
         self, corrected: CorrectedArm, tmp_path: Path
     ) -> None:
-        ends = ([0.0], [1.5])
-        friction = [
-            AppliedEffect("coulomb_friction", (6,), {"torque": x}) for x in ends
-        ]
-        ranges = EffectRanges((EffectRange(*friction),))
+        ends = ({"torque": [0.0]}, {"torque": [1.5]})
+        both = EffectRange(*(AppliedEffect("coulomb_friction", (6,), x) for x in ends))
+        ranges = EffectRanges((both,))
         export(corrected, "isaac_lab", tmp_path / "s.py", ranges=ranges)
         text = (tmp_path / "s.py").read_text(encoding="utf-8")
         assert "# friction of lbr_iiwa_joint_6 is 0 here and (0.0, 1.5)" in text
@@ -246,17 +245,14 @@ class TestNewton:
         assert four["clamping"][0][1] == {"max_effort": 20.0}
 
     def test_draws_one_factor_for_gains_and_limit(self, snippet: Any) -> None:
-        builder = Builder(["lbr_iiwa_joint_3"] * 20)
-        rng = np.random.default_rng(0)
+        builder, rng = Builder(["lbr_iiwa_joint_3"] * 20), np.random.default_rng(0)
         snippet("newton", randomise=True)["add_actuators"](builder, rng)
-        kp = np.array([a["kp"] for a in builder.actuators])
-        kd = np.array([a["kd"] for a in builder.actuators])
-        limits = [a["clamping"][0][1]["max_effort"] for a in builder.actuators]
-        assert kp / 300 == pytest.approx(kd / 30)
-        assert kp / 300 == pytest.approx(np.array(limits) / 300)
-        spread = 0.2 * WIDTH
-        assert np.all((kp / 300 >= 1.2 - spread) & (kp / 300 <= 1.2 + spread))
-        assert np.ptp(kp) > 0
+        kp, kd = (np.array([a[key] for a in builder.actuators]) for key in ("kp", "kd"))
+        clamps = [a["clamping"][0][1]["max_effort"] for a in builder.actuators]
+        factor, spread = kp / 300, 0.2 * WIDTH
+        assert factor == pytest.approx(kd / 30)
+        assert factor == pytest.approx(np.array(clamps) / 300)
+        assert (np.abs(factor - 1.2) <= spread).all() and np.ptp(kp) > 0
 
 
 def test_genesis_has_values_of_its_own_in_each_environment(snippet: Any) -> None:
@@ -323,12 +319,9 @@ def test_gazebo_holds_dynamics_and_limits(
     joints = ET.parse(tmp_path / "joints.xml").getroot()
     two = joints.find("joint[@name='lbr_iiwa_joint_2']/axis/dynamics")
     assert two is not None
-    assert {each.tag: float(each.text or "") for each in two} == {
-        "damping": 3.5,
-        "friction": 4.0,
-        "spring_reference": 0.3,
-        "spring_stiffness": 12.0,
-    }
+    expected = {"damping": 3.5, "friction": 4.0, "spring_reference": 0.3}
+    expected["spring_stiffness"] = 12.0
+    assert {each.tag: float(each.text or "") for each in two} == expected
 
 
 def test_ros2_control_feeds_viscous_friction_forward(
@@ -358,10 +351,9 @@ def test_what_is_not_held_is_in_the_head_and_returned(
     left_out, _ = export(corrected, form, tmp_path / "s.py")
     head = (tmp_path / "s.py").read_text(encoding="utf-8").split("import")[0]
     named = {line.split(":")[0].split(",")[0] for line in left_out}
-    assert "payload" in named
-    assert ("torque_offset" in named) and ("parallel_spring" in named) == (
-        form in ("isaac_lab", "mjlab", "genesis")
-    )
+    assert {"payload", "torque_offset"} <= named
+    springless = form in ("isaac_lab", "mjlab", "genesis")
+    assert ("parallel_spring" in named) == springless
     assert all(line in head for line in left_out)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import Link, changed, written
+from sweeps import nightly
 
 from gapscope.arm.case import Case
 from gapscope.arm.control import PD
@@ -32,42 +33,36 @@ def test_gains_hold_along_the_whole_motion() -> None:
     pytest.importorskip("pybullet_data", reason="the Panda comes with PyBullet")
     arm = load_nominal_arm("franka_panda")
     body = RigidBody(arm)
-    lower, upper = body.position_limits()
-    along = np.random.default_rng(0).uniform(lower, upper, (100, 7))
+    along = np.random.default_rng(0).uniform(*body.position_limits(), (100, 7))
     one = loop_inertia(arm, along[0], 4.0)
     whole = loop_inertia(arm, along[0], 4.0, along)
-    stiffest = max(
-        np.linalg.eigvals(np.linalg.solve(body.mass_matrix(q), np.diag(whole))).real[0]
-        for q in along
-    )
+    loops = [np.linalg.solve(body.mass_matrix(q), np.diag(whole)) for q in along]
+    stiffest = max(np.linalg.eigvals(loop).real[0] for loop in loops)
     assert stiffest <= stiffest_mode(4.0) * (1 + 1e-6)
     assert (whole <= one * (1 + 1e-9)).all() and whole.min() > 0
 
 
-@pytest.mark.parametrize("robot", ["franka_panda", "kuka_iiwa"])
+@pytest.mark.parametrize(
+    ("robot", "seed"), [("franka_panda", 1), nightly("kuka_iiwa", 3)]
+)
 @pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
-def test_healthy_arms_without_a_data_sheet_are_recorded(robot: str) -> None:
-    """Seeds that diverged with gains on the inertia of one posture: 1 of the Panda, 3 of the iiwa."""
+def test_healthy_arms_without_a_data_sheet_are_recorded(robot: str, seed: int) -> None:
+    """Seeds that diverged with gains on the inertia of one posture."""
     pytest.importorskip("pybullet_data", reason="the Panda comes with PyBullet")
-    seed = {"franka_panda": 1, "kuka_iiwa": 3}[robot]
-    case = record_case(
-        robot, load_nominal_arm(robot), (), Plan(), np.random.default_rng(seed)
-    )
+    rng = np.random.default_rng(seed)
+    case = record_case(robot, load_nominal_arm(robot), (), Plan(), rng)
     errors = [np.abs(r.q_ref - r.q).max() for r in case.recordings]
     assert max(errors) < 0.01
 
 
-LIGHT = Link(
-    "a", "upper", mass=0.05, com="0 0 0", inertia="1e-4 1e-4 1e-4", limit="-1 1 50 1"
-)
-HEAVY = Link(
-    "b", "lower", mass=1, com="0 0 0.15", inertia="2e-3 2e-3 1e-3", limit="-1 1 50 1"
-)
+LIGHT = Link("a", "upper", mass=0.05, com="0 0 0", inertia="1e-4 1e-4 1e-4")
+HEAVY = Link("b", "lower", mass=1, com="0 0 0.15", inertia="2e-3 2e-3 1e-3")
 """Upright on two joints with one axis, a light link between them: without friction stiff gains ring."""
 
 
 def _light_link(tmp_path: Path, damping: float) -> Case:
-    links = changed((LIGHT, HEAVY), more=f'<dynamics damping="{damping}"/>')
+    more = {"more": f'<dynamics damping="{damping}"/>', "limit": "-1 1 50 1"}
+    links = changed((LIGHT, HEAVY), **more)
     arm = load_nominal_arm(written(tmp_path / "light.urdf", "light", *links))
     plan = Plan(recordings=1, engine="mujoco")
     return record_case("light", arm, (), plan, np.random.default_rng(0))

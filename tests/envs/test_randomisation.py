@@ -50,9 +50,10 @@ def test_every_effect_can_be_drawn_mild_and_severe(
 def test_draws_are_varied_on_the_joints_allowed_and_as_many_as_asked(
     data_sheet_arm: NominalArm,
 ) -> None:
-    drawn = [
-        _draw(data_sheet_arm, seed, joints=[2, 4], count=(0, 2)) for seed in range(200)
-    ]
+    arm, scale = data_sheet_arm, ArmScale.of(data_sheet_arm)
+    wanted = Randomisation(sorted(CATALOGUE), joints=[2, 4], count=(0, 2))
+    rngs = map(np.random.default_rng, range(200))
+    drawn = [draw_effects(rng, arm, wanted, scale) for rng in rngs]
     assert {len(effects) for effects in drawn} == {0, 1, 2}
     assert {effect.name for effects in drawn for effect in effects} == set(CATALOGUE)
     assert {

@@ -2,11 +2,9 @@
 
 import sys
 
-import numpy as np
 import pytest
 
 from experiments.benchmarks import __main__ as benchmarks
-from experiments.benchmarks import joint as one_joint
 from experiments.benchmarks.measure import (
     Point,
     Row,
@@ -59,25 +57,3 @@ def test_a_run_goes_on_where_it_was_and_writes_into_the_page(part, tmp_path, cap
     assert "| row of good | 0.25 s | 2 to other |  |" in text and "old" not in text
     benchmarks.main(["fake", *out, "--again", "--only", "good"])
     assert part == ["good", "bad", "bad", "good"]
-
-
-def test_the_pendulum_obeys_its_equation_and_sticks():
-    joint = one_joint.recorded(6.0, np.random.default_rng(3))
-    lever = one_joint.MASS * one_joint.GRAVITY * one_joint.LEVER
-    h = 1 / one_joint.RATE
-    # over a window of 20 ms the momentum changes by the impulse of all torques
-    truth, window = one_joint.TRUTH, 20
-    v = np.gradient(joint.q, h)
-    slides = np.abs(v) > 0.5
-    felt = joint.tau - lever * np.sin(joint.q) - one_joint.OFFSET
-    felt -= truth["viscous"] * v + truth["coulomb"] * np.sign(v)
-    impulse = np.convolve(felt, np.ones(window), "valid")[:-1] * h
-    change = truth["inertia"] * (v[window:] - v[:-window])
-    kept = np.convolve(~slides, np.ones(window + 1), "valid") == 0
-    assert kept.sum() > 500
-    error = (impulse - change)[kept]
-    assert np.sqrt((error**2).mean()) < 0.1 * change[kept].std()
-    # the joint does not move before its friction is overcome
-    overcome = np.argmax(np.abs(joint.tau - one_joint.OFFSET) > truth["coulomb"])
-    assert overcome > 10
-    assert np.abs(joint.q[:overcome]).max() < 10 * one_joint.ENCODER_NOISE

@@ -64,6 +64,7 @@ def test_coupled_motors_stay_declared(tmp_path):
     assert back["tau"] == pytest.approx(recording.tau)
 
 
+@pytest.mark.nightly
 def test_task_beyond_its_time_is_ended_and_one_that_fails_is_told(tmp_path):
     def work(task):
         if task == "slow":

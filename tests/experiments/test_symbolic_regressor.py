@@ -52,7 +52,7 @@ def text(values) -> str:
 @pytest.mark.parametrize(
     "kinds",
     [
-        pytest.param(k, marks=pytest.mark.slow if len(k) > 2 else (), id=name)
+        pytest.param(k, marks=pytest.mark.nightly if len(k) > 2 else (), id=name)
         for name, k in ARMS.items()
     ],
 )

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.table import numbered
 from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -89,15 +90,12 @@ class AtWork:
 
 @pytest.fixture(scope="session")
 def at_work(tmp_path_factory: pytest.TempPathFactory) -> AtWork:
-    sheet = draw_arm("small", np.random.default_rng(1))
+    drawn = draw_arm("small", np.random.default_rng(1))
     urdf = tmp_path_factory.mktemp("small_arm") / "robot.urdf"
-    urdf.write_text(sheet.urdf, encoding="utf-8")
-    values = {
-        "armature": sheet.armature.tolist(),
-        "coulomb": sheet.coulomb.tolist(),
-        "viscous": sheet.viscous.tolist(),
-    }
-    return AtWork(load_nominal_arm(urdf, sheet=values))
+    urdf.write_text(drawn.urdf, encoding="utf-8")
+    keys = ("armature", "coulomb", "viscous")
+    sheet = {key: getattr(drawn, key).tolist() for key in keys}
+    return AtWork(load_nominal_arm(urdf, sheet=sheet))
 
 
 @pytest.fixture(scope="session")
@@ -105,11 +103,8 @@ def write_csv() -> Callable[[Recording, Path], Path]:
     """Writes a recording in the columns of the case format."""
 
     def write(recording: Recording, file: Path) -> Path:
-        columns = {"t": recording.t}
-        columns |= {f"q{j + 1}": x for j, x in enumerate(recording.q.T)}
-        tau = np.asarray(recording.tau)
-        columns |= {f"tau{j + 1}": x for j, x in enumerate(tau.T)}
-        write_columns(columns, file)
+        series = {"t": recording.t, "q": recording.q, "tau": np.asarray(recording.tau)}
+        write_columns(numbered(series), file)
         return file
 
     return write

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sweeps import daily, nightly
 
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench, evaluate
 from gapscope.agents.training.policy import (
@@ -23,7 +24,7 @@ from gapscope.agents.training.training_loop import (
     Training,
     read_checkpoint,
 )
-from gapscope.agents.training.training_settings import TrainingSettings
+from gapscope.agents.training.training_settings import ALGORITHMS, read_settings
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -33,9 +34,8 @@ from .conftest import rod, short
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
-PAYLOAD = AppliedEffect(
-    "payload", (), {"mass": np.array(1.0), "com": np.array([0.5, 0.0, 0.0])}
-)
+SHORT, ROUNDS = short(steps=256), short(steps=256, round_steps=128)
+PAYLOAD = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.5, 0.0, 0.0]})
 
 
 def weights(folder: Path) -> dict[str, np.ndarray]:
@@ -66,19 +66,11 @@ def same(one: Path, other: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "settings",
-    [
-        short("ppo", steps=5120, round_steps=2560),
-        pytest.param(
-            short("sac", steps=3600, round_steps=1800), marks=pytest.mark.nightly
-        ),
-    ],
-    ids=["ppo", "sac"],
-)
+@pytest.mark.parametrize(("algorithm", "steps"), [("ppo", 5120), nightly("sac", 3600)])
 def test_agents_learn_to_hold_a_rod_up(
-    task: Task, settings: TrainingSettings, tmp_path: Path
+    task: Task, algorithm: str, steps: int, tmp_path: Path
 ) -> None:
+    settings = short(algorithm, steps=steps, round_steps=steps // 2)
     trained = Training(task, settings, tmp_path / "out").run()
     first, best = trained.curve[0], trained.curve[trained.best]
     assert best.simulator.joint_error < 0.6 * first.simulator.joint_error
@@ -128,7 +120,7 @@ def test_an_agent_on_a_wrong_model_is_kept_and_helps_the_hidden_arm(
     assert own.joint_error < 1.02 * alone.joint_error
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
+@pytest.mark.parametrize("algorithm", daily(ALGORITHMS, "sac", "td3"))
 def test_the_untrained_agent_does_nothing(
     task: Task, algorithm: str, tmp_path: Path
 ) -> None:
@@ -140,11 +132,11 @@ def test_the_untrained_agent_does_nothing(
     env.close()
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+@pytest.mark.parametrize("algorithm", daily(("ppo", "sac"), "ppo"))
 def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
     task: Task, algorithm: str, tmp_path: Path
 ) -> None:
-    settings = short(algorithm)
+    settings = short(algorithm, steps=256, round_steps=128)
     whole = Training(task, settings, tmp_path / "whole").run()
     Training(task, settings, tmp_path / "parts").run(rounds=1)
     resumed = Training(task, settings, tmp_path / "parts").run()
@@ -154,33 +146,30 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
 
 def test_hidden_effects_do_not_reach_training(arm: NominalArm, tmp_path: Path) -> None:
     for name, hidden in (("none", ()), ("payload", (PAYLOAD,))):
-        Training(Task.of("pd", arm, hidden), short(), tmp_path / name).run()
+        Training(Task.of("pd", arm, hidden), ROUNDS, tmp_path / name).run()
     same(tmp_path / "none", tmp_path / "payload")
 
 
 def test_training_ends_early_for_want_of_improvement(
     task: Task, tmp_path: Path
 ) -> None:
-    trained = Training(
-        task, short(steps=2048, patience=1, improvement=1.0), tmp_path
-    ).run()
+    settings = short(steps=1024, round_steps=128, patience=1, improvement=1.0)
+    trained = Training(task, settings, tmp_path).run()
     assert trained.stopped and len(trained.curve) == 2 and trained.best == 0
 
 
-def test_a_checkpoint_cut_short_is_refused(task: Task, tmp_path: Path) -> None:
-    Training(task, short(steps=256), tmp_path).run()
+def test_a_checkpoint_cut_short_or_of_other_settings_is_refused(
+    task: Task, tmp_path: Path
+) -> None:
+    Training(task, SHORT, tmp_path).run()
+    with pytest.raises(InputError, match="another steps"):
+        Training(task, short(steps=512), tmp_path).run()
     found = read_checkpoint(tmp_path / CHECKPOINTS)
     assert found is not None
     file = found[0] / WEIGHTS
     file.write_bytes(file.read_bytes()[:-100])
     with pytest.raises(InputError, match=r"cut short(.|\n)*--again"):
-        Training(task, short(steps=256), tmp_path).run()
-
-
-def test_a_checkpoint_of_other_settings_is_refused(task: Task, tmp_path: Path) -> None:
-    Training(task, short(steps=256), tmp_path).run()
-    with pytest.raises(InputError, match="another steps"):
-        Training(task, short(steps=512), tmp_path).run()
+        Training(task, SHORT, tmp_path).run()
 
 
 @pytest.mark.parametrize("name", ["stable_baselines3", "torch"])
@@ -196,7 +185,7 @@ def test_an_agent_is_read_back_and_checked(
     task: Task, arm: NominalArm, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    settings = short(steps=256)
+    settings = SHORT
     trained = Training(task, settings, out).run()
     write_agent(task, trained, out)
     agent, env = read_agent(out, arm), task.simulator(settings)
@@ -221,7 +210,6 @@ def test_an_agent_is_read_back_and_checked(
 @pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
 def test_hyperparameters_are_searched(task: Task, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
-    from gapscope.agents.training.training_settings import read_settings
     from gapscope.agents.training.tuning import tune
 
     file = tune(task, short(steps=128, round_steps=128), 2, tmp_path)

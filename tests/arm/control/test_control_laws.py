@@ -35,71 +35,48 @@ def pid(**bounds: Any) -> PID:
 
 
 def torques(
-    controller: Controller,
-    arm: NominalArm,
-    errors: list[float],
-    rate: float = 0.5,
-    limit: float | None = None,
+    law: Controller, arm: NominalArm, errors: list[float], limit: float | None = None
 ) -> list[float]:
-    """Torque of joint 1 at ticks with these errors [rad] and an error of the velocity [rad/s]."""
-    limited = NominalArm(
-        arm.name,
-        arm.urdf,
-        arm.joints,
-        torque_limit=None if limit is None else np.full(2, limit),
-    )
-    loop = ControlLoop(controller, limited)
-    nothing = np.zeros(2)
-    return [
-        float(
-            loop(
-                Targets(np.full(2, error), np.full(2, rate), nothing, nothing),
-                nothing,
-                nothing,
-            )[0]
-        )
-        for error in errors
+    """Torque of joint 1 at ticks with these errors [rad] and an error of the velocity of 0.5 rad/s."""
+    both = None if limit is None else np.full(2, limit)
+    limited = NominalArm(arm.name, arm.urdf, arm.joints, torque_limit=both)
+    loop, nothing = ControlLoop(law, limited), np.zeros(2)
+    targets = [
+        Targets(np.full(2, x), np.full(2, 0.5), nothing, nothing) for x in errors
     ]
+    return [float(loop(target, nothing, nothing)[0]) for target in targets]
 
 
-def test_pid_three_ticks(arm: NominalArm) -> None:
-    """2 * 1 + 1 * 0.5 + z with z = 0, 0.5, 1."""
-    assert torques(pid(), arm, [1, 1, 1]) == pytest.approx([2.5, 3.0, 3.5])
-
-
-@pytest.mark.parametrize(
-    ("bounds", "fourth"),
-    [
-        # z = 0, 0.5, stays 0.5 at the limit; the fourth tick: -2 + 0.5 + 0.5
-        ({"anti_windup": "clamping"}, -1.0),
-        # z after: 0.5; 0.5 + 0.1 (5 - 0.2 / 0.2) = 0.9; 0.9 + 0.1 (5 - 0.6 / 0.2) = 1.1
-        ({"anti_windup": "back_calculation", "tracking_time": 0.2}, -0.4),
-        # z = 1.5
-        ({"anti_windup": "none"}, 0.0),
-        # z = 0.7 of its own limit
-        ({"anti_windup": "none", "limit": np.full(2, 0.7)}, -0.8),
-    ],
-    ids=["clamping", "back_calculation", "none", "limit"],
-)
-def test_integrator_at_the_torque_limit(
-    arm: NominalArm, bounds: dict[str, Any], fourth: float
-) -> None:
-    """Three ticks want 2.5, then 2.5 + z with z > 0.3: the limit of 2.8 N m cuts the second and third."""
-    got = torques(pid(**bounds), arm, [1, 1, 1, -1], limit=2.8)
-    assert got == pytest.approx([2.5, 2.8, 2.8, fourth])
-
-
-def test_a_clamped_integrator_unwinds(arm: NominalArm) -> None:
-    """At the limit an error of the other sign still counts: -2 + 0.5 + z, z = 0 after 0.5 - 0.5."""
-    got = torques(pid(), arm, [1, 1, -1, -1], limit=2.8)
-    assert got == pytest.approx([2.5, 2.8, -1.0, -1.5])
-
-
-def test_cascade_three_ticks(arm: NominalArm) -> None:
-    """Velocity set 4 * 0.5 + 0.5 = 2.5 rad/s; torque 1 * 2.5 + z, z = 0, 0.1 * 2 * 2.5 = 0.5, 1."""
+def cascade() -> Cascade:
     gains = {name: np.full(2, x) for name, x in (("kp", 4.0), ("kv", 1.0), ("ki", 2.0))}
-    got = torques(Cascade(rate=RATE, **gains), arm, [0.5, 0.5, 0.5])
-    assert got == pytest.approx([2.5, 3.0, 3.5])
+    return Cascade(rate=RATE, **gains)
+
+
+UP, SLACK = [1.0, 1.0, 1.0, -1.0], {"anti_windup": "none"}
+BACK = {"anti_windup": "back_calculation", "tracking_time": 0.2}
+TICKS: dict[str, tuple[Controller, list[float], float | None, list[float]]] = {
+    # 2 * 1 + 1 * 0.5 + z with z = 0, 0.5, 1
+    "pid": (pid(), [1, 1, 1], None, [2.5, 3.0, 3.5]),
+    # velocity set 4 * 0.5 + 0.5 = 2.5 rad/s; torque 1 * 2.5 + z, z = 0, 0.1 * 2 * 2.5 = 0.5, 1
+    "cascade": (cascade(), [0.5, 0.5, 0.5], None, [2.5, 3.0, 3.5]),
+    # three ticks want 2.5, then 2.5 + z with z > 0.3: the limit of 2.8 N m cuts the second and third;
+    # z = 0, 0.5, stays 0.5 at the limit; the fourth tick: -2 + 0.5 + 0.5
+    "clamped": (pid(), UP, 2.8, [2.5, 2.8, 2.8, -1.0]),
+    # at the limit an error of the other sign still counts: z = 0 after 0.5 - 0.5
+    "unwinds": (pid(), [1, 1, -1, -1], 2.8, [2.5, 2.8, -1.0, -1.5]),
+    # z after: 0.5; 0.5 + 0.1 (5 - 0.2 / 0.2) = 0.9; 0.9 + 0.1 (5 - 0.6 / 0.2) = 1.1
+    "back calculation": (pid(**BACK), UP, 2.8, [2.5, 2.8, 2.8, -0.4]),
+    # z = 1.5, and 0.7 of its own limit
+    "no anti-windup": (pid(**SLACK), UP, 2.8, [2.5, 2.8, 2.8, 0.0]),
+    "own limit": (pid(**SLACK, limit=np.full(2, 0.7)), UP, 2.8, [2.5, 2.8, 2.8, -0.8]),
+}
+"""Law, errors, torque limit and torque."""
+
+
+@pytest.mark.parametrize("name", TICKS)
+def test_ticks_by_hand(name: str, arm: NominalArm) -> None:
+    law, errors, limit, torque = TICKS[name]
+    assert torques(law, arm, errors, limit) == pytest.approx(torque)
 
 
 def test_computed_torque_of_the_elbow(arm: NominalArm) -> None:
@@ -135,16 +112,10 @@ def test_an_integrator_starts_with_a_torque(arm: NominalArm) -> None:
 
 def laws() -> list[Controller]:
     """One controller of each law, with all that it may have."""
-    pd = PD(
-        rate=500.0,
-        kp=np.array([40.0, 9.0]),
-        kd=np.array([4.0, 1.0]),
-        feedforward="gravity",
-        velocity_cutoff=60.0,
-    )
-    return [like_pd(pd, kind, 0.7) for kind in LAWS] + [
-        pid(limit=np.ones(2), anti_windup="back_calculation", tracking_time=0.1)
-    ]
+    kp, kd = np.array([40.0, 9.0]), np.array([4.0, 1.0])
+    pd = PD(rate=500.0, kp=kp, kd=kd, feedforward="gravity", velocity_cutoff=60.0)
+    bounded = pid(limit=np.ones(2), anti_windup="back_calculation", tracking_time=0.1)
+    return [*(like_pd(pd, kind, 0.7) for kind in LAWS), bounded]
 
 
 @pytest.mark.parametrize("law", laws(), ids=lambda law: law.kind)
@@ -169,34 +140,20 @@ def test_the_schema_knows_the_laws_and_their_gains() -> None:
 
 
 PD_KEYS: dict[str, Any] = {"rate": 100, "kp": [1, 1], "kd": [1, 1]}
+PID_KEYS = {"kind": "pid", "ki": [1, 1]}
+COMPUTED = {"kind": "computed_torque", "feedforward": "nominal"}
+AT_FAULT = [
+    ({"kind": "pid"}, "controller: lacks the key 'ki', which pid needs"),
+    ({"ki": [1, 1]}, "controller.ki: is no key of the law pd"),
+    ({"integrator": SLACK}, "controller.integrator: is no key of the law pd"),
+    (COMPUTED, "controller.feedforward: computed torque contains"),
+    (PID_KEYS | {"integrator": {"anti_windup": "back_calculation"}}, "give tracking_time in s"),
+    (PID_KEYS | {"integrator": {"limit": [1]}}, "controller.integrator.limit: expected 2 numbers"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("section", "message"),
-    [
-        ({**PD_KEYS, "kind": "pid"}, "controller: lacks the key 'ki', which pid needs"),
-        ({**PD_KEYS, "ki": [1, 1]}, "controller.ki: is no key of the law pd"),
-        ({**PD_KEYS, "integrator": {"anti_windup": "none"}}, "controller.integrator: is no key of the law pd"),
-        (
-            {**PD_KEYS, "kind": "computed_torque", "feedforward": "nominal"},
-            "controller.feedforward: computed torque contains",
-        ),
-        (
-            {
-                **PD_KEYS,
-                "kind": "pid",
-                "ki": [1, 1],
-                "integrator": {"anti_windup": "back_calculation"},
-            },
-            "give tracking_time in s",
-        ),
-        (
-            {**PD_KEYS, "kind": "pid", "ki": [1, 1], "integrator": {"limit": [1]}},
-            "controller.integrator.limit: expected 2 numbers",
-        ),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("section", "message"), AT_FAULT)
 def test_a_section_at_fault_is_refused(section: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
-        parse_controller(section, 2, Path("case.yaml"))
+        parse_controller(PD_KEYS | section, 2, Path("case.yaml"))
     assert message in str(caught.value)

@@ -18,42 +18,24 @@ def parameters(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarr
     return np.asarray(pin.Inertia(mass, centre, inertia).toDynamicParameters())
 
 
-@pytest.fixture
-def root() -> np.ndarray:
-    """Columns of one body's errors in SI units, (10, 10)."""
-    units = np.ones(10)
+def test_errors_are_those_of_finite_changes_of_a_body() -> None:
+    """Its mass takes all moments along, its centre the inertia about the joint; its shape is off by less."""
+    body, units = parameters(MASS, CENTRE, INERTIA), np.ones(10)
     # the distance of the centre is read from the unit of the first moments
     units[1:4] = MASS * DISTANCE
-    own = inertial_errors(parameters(MASS, CENTRE, INERTIA), units)
-    return np.asarray(own * units[:, None])
-
-
-def test_a_wrong_mass_takes_all_moments_along(root: np.ndarray) -> None:
+    root = inertial_errors(body, units) * units[:, None]
     grown = parameters(1.01 * MASS, CENTRE, 1.01 * INERTIA)
-    expected = (grown - parameters(MASS, CENTRE, INERTIA)) / 0.01
-    assert root[:, 0] == pytest.approx(expected)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_centre_that_is_off_moves_the_inertia_about_the_joint(
-    root: np.ndarray, axis: int
-) -> None:
-    step = 1e-6 * np.eye(3)[axis]
-    ahead, behind = (parameters(MASS, CENTRE + way, INERTIA) for way in (step, -step))
-    expected = (ahead - behind) / 2e-6 * DISTANCE / np.sqrt(3.0)
-    assert root[:, 1 + axis] == pytest.approx(expected, abs=1e-7)
-
-
-def test_the_shape_of_the_inertia_is_off_by_less(root: np.ndarray) -> None:
-    size = SHAPE_ERROR * 0.5 * np.trace(INERTIA)
+    assert root[:, 0] == pytest.approx((grown - body) / 0.01)
+    for axis, step in enumerate(1e-6 * np.eye(3)):
+        ahead, behind = (parameters(MASS, CENTRE + s * step, INERTIA) for s in (1, -1))
+        expected = (ahead - behind) / 2e-6 * DISTANCE / np.sqrt(3.0)
+        assert root[:, 1 + axis] == pytest.approx(expected, abs=1e-7)
     # in pinocchio's order xx, xy, yy, xz, yz, zz
-    expected = size * np.array([1.0, 0.5, 1.0, 0.5, 0.5, 1.0])
-    assert np.diag(root)[4:] == pytest.approx(expected)
-
-
-def test_a_body_without_mass_has_no_error() -> None:
-    both = np.concatenate([np.zeros(10), parameters(MASS, CENTRE, INERTIA)])
-    units = np.concatenate([np.zeros(10), np.ones(10)])
-    errors = inertial_errors(both, units)
+    shape = np.array([1.0, 0.5, 1.0, 0.5, 0.5, 1.0])
+    size = SHAPE_ERROR * 0.5 * np.trace(INERTIA)
+    assert np.diag(root)[4:] == pytest.approx(size * shape)
+    # beside a body without mass
+    both, scales = np.r_[np.zeros(10), body], np.r_[np.zeros(10), np.ones(10)]
+    errors = inertial_errors(both, scales)
     assert not errors[:10].any() and not errors[:, :10].any()
     assert errors[10:, 10:].any()

@@ -27,11 +27,10 @@ def _numbers(text: str | None) -> np.ndarray:
 
 def _place(element: ET.Element, origin: ET.Element | None) -> None:
     """Pose of a URDF origin as pos and quat."""
-    xyz, rpy = (
-        (None, None) if origin is None else (origin.get("xyz"), origin.get("rpy"))
-    )
-    x, y, z, w = Rotation.from_euler("xyz", _numbers(rpy)).as_quat().tolist()
-    element.set("pos", xyz or "0 0 0")
+    given = {} if origin is None else origin.attrib
+    turn = Rotation.from_euler("xyz", _numbers(given.get("rpy")))
+    x, y, z, w = turn.as_quat().tolist()
+    element.set("pos", given.get("xyz", "0 0 0"))
     element.set("quat", f"{w!r} {x!r} {y!r} {z!r}")
 
 
@@ -41,13 +40,9 @@ def written_as_mjcf(urdf: Path) -> str:
     root = ET.Element("mujoco", model="translated")
     ET.SubElement(root, "compiler", angle="degree", autolimits="true")
     ET.SubElement(ET.SubElement(root, "default"), "joint", SHEET)
-    base = robot.find("joint/parent").get("link")
-    bodies = {base: ET.SubElement(root, "worldbody")}
+    bodies = {robot.find("joint/parent").get("link"): ET.SubElement(root, "worldbody")}
     for joint in robot.findall("joint"):
-        child, parent = (
-            joint.find("child").get("link"),
-            joint.find("parent").get("link"),
-        )
+        parent, child = (joint.find(end).get("link") for end in ("parent", "child"))
         body = bodies[child] = ET.SubElement(bodies[parent], "body", name=child)
         _place(body, joint.find("origin"))
         source = robot.find(f"link[@name='{child}']/inertial")
@@ -64,50 +59,25 @@ def written_as_mjcf(urdf: Path) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-@pytest.fixture
-def both(tmp_path: Path) -> tuple[NominalArm, NominalArm]:
-    """The iiwa's seven joints from its URDF, and from the translation."""
-    known = load_nominal_arm("kuka_iiwa")
-    (tmp_path / "arm.xml").write_text(written_as_mjcf(known.urdf))
-    return known, load_nominal_arm(tmp_path / "arm.xml")
-
-
 def _samples(n: int) -> np.ndarray:
     """Positions, velocities and accelerations, shape (3, 50, n)."""
     return np.random.default_rng(0).uniform(-1.5, 1.5, (3, 50, n))
 
 
-def test_seven_joints_have_the_inverse_dynamics_of_their_urdf(
-    both: tuple[NominalArm, NominalArm],
-) -> None:
-    known, read = both
+def test_seven_joints_have_the_inverse_dynamics_of_their_urdf(tmp_path: Path) -> None:
+    known = load_nominal_arm("kuka_iiwa")
+    (tmp_path / "arm.xml").write_text(written_as_mjcf(known.urdf))
+    read = load_nominal_arm(tmp_path / "arm.xml")
     assert read.joints == known.joints and read.name == "translated"
-    expected, found = (RigidBody(arm).inverse_dynamics(*_samples(7)) for arm in both)
+    bodies = [RigidBody(arm) for arm in (known, read)]
+    expected, found = (body.inverse_dynamics(*_samples(7)) for body in bodies)
     size = np.abs(expected).max()
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * size)
-    limits = [RigidBody(arm).position_limits() for arm in both]
+    limits = [body.position_limits() for body in bodies]
     np.testing.assert_allclose(limits[1], limits[0], atol=1e-12)
     # rotors and friction of the file are the data sheet
     sheet = np.array([read.armature, read.coulomb, read.viscous]).T
     np.testing.assert_allclose(sheet, [list(map(float, SHEET.values()))] * 7)
-
-
-def test_mujoco_reads_the_same_arm_from_it(both: tuple[NominalArm, NominalArm]) -> None:
-    """Its inverse dynamics holds rotors and viscous friction too; dry friction is a constraint, taken out here."""
-    mujoco = pytest.importorskip("mujoco")
-    read, samples = both[1], _samples(7)
-    model = mujoco.MjModel.from_xml_path(str(read.urdf))
-    model.dof_frictionloss[:] = 0.0
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
-    data = mujoco.MjData(model)
-    expected = RigidBody(read).inverse_dynamics(*samples)
-    expected += read.armature * samples[2] + read.viscous * samples[1]
-    for q, dq, ddq, torque in zip(*samples, expected, strict=True):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q, dq, ddq
-        mujoco.mj_inverse(model, data)
-        np.testing.assert_allclose(
-            data.qfrc_inverse, torque, atol=1e-8 * np.abs(expected).max()
-        )
 
 
 @pytest.mark.parametrize("robot", daily(KNOWN_ROBOTS, "franka_panda"))
@@ -131,7 +101,6 @@ def test_what_is_written_for_mujoco_reads_back_as_the_same_arm(
 
 def _one(
     inside: str = "",
-    *,
     inertial: str = INERTIAL,
     before: str = "",
     joint: str = "",
@@ -217,20 +186,19 @@ def test_what_is_left_out_is_told(
         _load(tmp_path, _one(**change))
 
 
-@pytest.mark.parametrize(
-    ("option", "expected"),
-    [
-        ('<option gravity="0 0 -1.62"/>', [0, 0, -1.62]),
-        ('<option><flag gravity="disable"/></option>', [0, 0, 0]),
-        ("", [0, 0, -9.81]),
-    ],
-)
+GRAVITY = {
+    '<option gravity="0 0 -1.62"/>': [0, 0, -1.62],
+    '<option><flag gravity="disable"/></option>': [0, 0, 0],
+    "": [0, 0, -9.81],
+}
+
+
+@pytest.mark.parametrize("option", GRAVITY)
 def test_gravity_of_the_file_counts_where_nothing_else_says_it(
-    tmp_path: Path, option: str, expected: list[float]
+    option: str, tmp_path: Path
 ) -> None:
-    np.testing.assert_array_equal(
-        _load(tmp_path, _one(before=option)).gravity, expected
-    )
+    read = _load(tmp_path, _one(before=option))
+    np.testing.assert_array_equal(read.gravity, GRAVITY[option])
     given = load_nominal_arm(tmp_path / "one.xml", gravity=[0, 0, -3.7])
     np.testing.assert_array_equal(given.gravity, [0, 0, -3.7])
 
@@ -270,23 +238,23 @@ def test_a_body_without_a_name_weighs_what_it_weighs(tmp_path: Path) -> None:
     assert turning.joints == ("hinge", "tip")
 
 
-def test_several_joints_of_one_body_and_other_ways_to_say_a_turn(
-    tmp_path: Path,
+TURNS = ('xyaxes="1 0 0 0 0 1"', 'zaxis="0 -1 0"', 'euler="1.5708 0 0"')
+"""Ways to say a right angle about x."""
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_several_joints_of_one_body_and_ways_to_say_a_turn_are_those_of_mujoco(
+    turn: str, tmp_path: Path
 ) -> None:
-    """A body on two joints, and one that xyaxes or zaxis turns by a right angle about x, as MuJoCo reads them."""
     mujoco = pytest.importorskip("mujoco")
-    for turn in ('xyaxes="1 0 0 0 0 1"', 'zaxis="0 -1 0"', 'euler="1.5708 0 0"'):
-        other = (
-            f'<body name="arm" pos="0 0 0.3" {turn}><joint name="lift" type="slide"/>'
-        )
-        second = f'<joint name="tilt" pos="0 0.1 0" axis="1 0 0"/>{INERTIAL}</body>'
-        read = _load(tmp_path, _one(other + second))
-        assert read.joints == ("hinge", "lift", "tilt")
-        model = mujoco.MjModel.from_xml_path(str(read.urdf))
-        data, samples = mujoco.MjData(model), _samples(3)
-        expected = []
-        for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*samples, strict=True):
-            mujoco.mj_inverse(model, data)
-            expected.append(data.qfrc_inverse.copy())
-        found = RigidBody(read).inverse_dynamics(*samples)
-        np.testing.assert_allclose(found, expected, atol=1e-8)
+    other = f'<body name="arm" pos="0 0 0.3" {turn}><joint name="lift" type="slide"/>'
+    second = f'<joint name="tilt" pos="0 0.1 0" axis="1 0 0"/>{INERTIAL}</body>'
+    read = _load(tmp_path, _one(other + second))
+    assert read.joints == ("hinge", "lift", "tilt")
+    model = mujoco.MjModel.from_xml_path(str(read.urdf))
+    data, samples, expected = mujoco.MjData(model), _samples(3), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*samples, strict=True):
+        mujoco.mj_inverse(model, data)
+        expected.append(data.qfrc_inverse.copy())
+    found = RigidBody(read).inverse_dynamics(*samples)
+    np.testing.assert_allclose(found, expected, atol=1e-8)

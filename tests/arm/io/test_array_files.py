@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,9 +25,19 @@ Q = np.column_stack([np.sin(3 * T), np.cos(4 * T)])
 SECTION = {"time": "robot/t", "q": "robot/q{j}", "tau": {"column": "robot/tau{j}"}}
 
 
+@pytest.fixture
+def read(arm: NominalArm) -> Callable[..., Recording]:
+    """A recording by an import section."""
+
+    def of(path: Path, **section: Any) -> Recording:
+        return load_recording(path, arm, parse_import(section, 2, Path("case.yaml")))
+
+    return of
+
+
 @pytest.mark.parametrize("transposed", [False, True])
 def test_hdf5_with_rows_along_either_axis(
-    transposed: bool, arm: NominalArm, tmp_path: Path
+    transposed: bool, read: Callable[..., Recording], tmp_path: Path
 ) -> None:
     path = tmp_path / "log.h5"
     with h5py.File(path, "w") as file:
@@ -36,9 +48,7 @@ def test_hdf5_with_rows_along_either_axis(
         file["name"] = "arm"
         file["loop"] = h5py.SoftLink("/robot")
         file["elsewhere"] = h5py.ExternalLink("other.h5", "/q")
-    recording = load_recording(
-        path, arm, parse_import(SECTION, 2, Path("case.yaml")), complete=True
-    )
+    recording = read(path, **SECTION)
     np.testing.assert_array_equal(recording.q, Q)
     np.testing.assert_array_equal(recording.tau, -Q)
     assert set(open_log(path).unread) == {"camera (3, 4, 5)", "name ()"}
@@ -66,16 +76,14 @@ def test_hdf5_whose_torque_has_another_rate_and_no_time_says_so(
     assert any(told in note for note in load_recording(path, arm).notes)
 
 
-def test_matlab_structures(arm: NominalArm, tmp_path: Path) -> None:
-    path = tmp_path / "log.mat"
+def test_matlab_structures(read: Callable[..., Recording], tmp_path: Path) -> None:
     log = {"t": T[:, None], "joints": {"q": Q.T}, "rate": 100.0, "label": "arm"}
-    scipy.io.savemat(path, {"log": log})
-    section = {"time": "log.t", "q": "log.joints.q{j}"}
-    recording = load_recording(path, arm, parse_import(section, 2, Path("case.yaml")))
+    scipy.io.savemat(tmp_path / "log.mat", {"log": log})
+    recording = read(tmp_path / "log.mat", time="log.t", q="log.joints.q{j}")
     np.testing.assert_array_equal(recording.q, Q)
 
 
-def test_matlab_7_3_is_hdf5(arm: NominalArm, tmp_path: Path) -> None:
+def test_matlab_7_3_is_hdf5(read: Callable[..., Recording], tmp_path: Path) -> None:
     path = tmp_path / "log.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
         # MATLAB stores columns first: rows of (N, n) along the second axis
@@ -83,8 +91,7 @@ def test_matlab_7_3_is_hdf5(arm: NominalArm, tmp_path: Path) -> None:
         file["#refs#/a"] = T
     with path.open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116))
-    section = {"time": "log.t", "q": "log.q{j}"}
-    recording = load_recording(path, arm, parse_import(section, 2, Path("case.yaml")))
+    recording = read(path, time="log.t", q="log.q{j}")
     np.testing.assert_array_equal(recording.q, Q)
     assert open_log(path).format == "MATLAB 7.3"
 
@@ -127,16 +134,6 @@ def test_a_declared_size_beyond_memory_is_left_unread(tmp_path: Path) -> None:
         file.create_dataset("huge", shape=(10**12,), chunks=(10**6,), dtype="f8")
     log = open_log(path)
     assert log.unread == ("huge (1000000000000,)",)
-
-
-def test_pickles_are_not_loaded(tmp_path: Path) -> None:
-    path = tmp_path / "log.npz"
-    np.savez(path, t=T, q=np.array([{"a": 1}] * 100, dtype=object))
-    with pytest.raises(InputError, match="allow_pickle"):
-        open_log(path)
-    (tmp_path / "log.pkl").touch()
-    with pytest.raises(InputError, match="'.pkl' names no known format"):
-        open_log(tmp_path / "log.pkl")
 
 
 def test_text_tables_with_spaces_and_a_marked_header(

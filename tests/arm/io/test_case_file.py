@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import yaml
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import Case, case_files, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case, write_recording
+from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.recording import CHANNELS, Recording
 from gapscope.commands.inputs import read_recording
 
@@ -25,10 +26,12 @@ CONTENT: dict[str, Any] = {
 
 @pytest.fixture
 def folder(tmp_path: Path, urdf: Path, recording: Recording) -> Path:
-    """A folder with a URDF and two recordings, but no case file yet."""
+    """A folder with a URDF and three recordings, but no case file yet."""
     assert recording.tau is not None
     write_recording(recording, tmp_path / "a.csv")
     write_recording(replace(recording, tau=-recording.tau), tmp_path / "b.npz")
+    (tmp_path / "more").mkdir()
+    write_recording(replace(recording, q=recording.q / 2), tmp_path / "more" / "c.npz")
     return tmp_path
 
 
@@ -42,17 +45,11 @@ def write(folder: Path, **content: Any) -> Path:
 def test_the_least_case(folder: Path) -> None:
     write(folder)
     case = load_case(folder)
-    assert case.name == case.arm.name == "two" and case.arm.joints == (
-        "shoulder",
-        "elbow",
-    )
+    assert case.name == case.arm.name == "two"
+    assert case.arm.joints == ("shoulder", "elbow")
     assert [recording.name for recording in case.recordings] == ["a.csv"]
-    assert (
-        case.judged == ()
-        and case.controller is None
-        and case.warnings == ()
-        and case.importing is None
-    )
+    assert (case.judged, case.controller) == ((), None)
+    assert (case.warnings, case.importing) == ((), None)
     np.testing.assert_array_equal(case.arm.viscous, [0.5, 0.1])
     np.testing.assert_array_equal(case.arm.coulomb, [0.25, 0])
 
@@ -73,40 +70,24 @@ def test_recordings_of_one_name_are_told_by_their_folders(folder: Path) -> None:
         assert read_recording(folder, given)[1].name == names[0]
 
 
+CONTROLLER = {"rate": 1000, "kp": [1, 2], "kd": [3, 4]}
+CONTROLLER |= {"kind": "pd", "velocity_filter": {"cutoff": 80}}
+
+
 def test_a_full_case(folder: Path) -> None:
-    path = write(
-        folder,
-        joints=["elbow", "shoulder"],
-        gravity=[0, 0, 1],
-        nominal={
-            "armature": [1, 2],
-            "viscous": [3, 4],
-            "torque_limit": [5, 6],
-            "encoder": "joint",
-            "encoder_step": 1e-3,
-        },
-        controller={
-            "kind": "pd",
-            "rate": 1000,
-            "kp": [1, 2],
-            "kd": [3, 4],
-            "velocity_filter": {"cutoff": 80},
-        },
-        judge=["b.npz"],
-    )
+    sheet = {"armature": [1, 2], "viscous": [3, 4], "torque_limit": [5, 6]}
+    sheet |= {"encoder": "joint", "encoder_step": 1e-3}
+    arm = {"joints": ["elbow", "shoulder"], "gravity": [0, 0, 1], "nominal": sheet}
+    path = write(folder, **arm, controller=CONTROLLER, judge=["b.npz"])
+    # a number without a decimal point is text to YAML
+    path.write_text(path.read_text().replace("0.001", "1e-3"))
     case = load_case(path)
-    assert (
-        case.arm.joints == ("elbow", "shoulder")
-        and case.arm.encoder == "joint"
-        and case.arm.encoder_step == 1e-3
-    )
+    assert case.arm.joints == ("elbow", "shoulder")
+    assert (case.arm.encoder, case.arm.encoder_step) == ("joint", 1e-3)
     np.testing.assert_array_equal(case.arm.viscous, [3, 4])
     np.testing.assert_array_equal(case.arm.coulomb, [0, 0.25])
-    assert (
-        case.controller is not None
-        and case.controller.velocity_cutoff == 80
-        and case.controller.feedforward == "none"
-    )
+    assert case.controller is not None and case.controller.feedforward == "none"
+    assert case.controller.velocity_cutoff == 80
     assert [recording.name for recording in case.judged] == ["b.npz"]
     assert load_case(path, read_recordings=False).recordings == ()
 
@@ -124,19 +105,33 @@ def test_a_recording_that_is_fitted_is_not_held_out_too(
 
 
 def test_rows_to_fit_and_to_judge(folder: Path) -> None:
-    path = write(
-        folder,
-        **{"import": {"rows": {"fit": [[0, 109], [90, 199]], "judge": [50, 150]}}},
-    )
-    case = load_case(path)
-    assert [(r.name, len(r.t)) for r in case.recordings] == [
-        ("a.csv rows 0-109", 110),
-        ("a.csv rows 90-199", 110),
-    ]
+    rows = {"fit": [[0, 109], [90, 199]], "judge": [50, 150]}
+    case = load_case(write(folder, **{"import": {"rows": rows}}))
+    found = [(r.name, len(r.t)) for r in case.recordings]
+    assert found == [("a.csv rows 0-109", 110), ("a.csv rows 90-199", 110)]
     assert case.judged[0].t[0] == 0.5 and len(case.judged[0].t) == 101
 
 
+BODY = {"mass": 2.0, "com": [0.0, 0.0, 0.05]}
+LOAD = KnownLoad(2.0, (0.0, 0.0, 0.05))
+INFINITE, NONE = float("inf"), float("nan")
+LOADS: list[tuple[Any, str]] = [
+    ({"a.cvs": BODY}, ": no recording is called 'a.cvs'\n  remedy: did you mean a.csv?"),
+    ({"xyz": BODY}, ": no recording is called 'xyz'\n  remedy: name one of recordings: or judge:, a.csv"),
+    ({"a.csv": BODY | {"mass": -2}}, ".a.csv.mass: expected a number of at least 0, got -2"),
+    ({"a.csv": BODY | {"mass": INFINITE}}, ".a.csv, mass: a payload of inf kg is none"),
+    ({"a.csv": BODY | {"mass": NONE}}, ".a.csv, mass: a payload of nan kg is none"),
+    ({"a.csv": BODY | {"mass": "2 kg"}}, ".a.csv.mass: expected a number, got '2 kg'"),
+    ({"a.csv": BODY | {"com": [0.0, 0.0]}}, ".a.csv.com: expected at least 3 entries, got 2"),
+    ({"a.csv": BODY | {"com": [0, 0, NONE]}}, ".a.csv, com: the centre of the payload needs"),
+    ({"a.csv": {"mass": 2.0}}, ".a.csv: lacks the key 'com'"),
+    ({"a.csv": BODY | {"inertia": 1}}, ".a.csv: unknown key 'inertia'"),
+    ({"a.csv": 2.0}, ".a.csv: expected a mapping (key: value), got 2.0"),
+    (["a.csv"], ": expected a mapping (key: value) or nothing, got ['a.csv']"),
+]  # fmt: skip
+"""Known payloads."""
 BAD: list[tuple[dict[str, Any], str]] = [
+    *(({"payloads": loads}, f"field payloads{message}") for loads, message in LOADS),
     ({"recording": ["a.csv"]}, "case.yaml: unknown key 'recording'\n  remedy: did you mean recordings?"),
     ({"recordings": "a.csv"}, "field recordings: expected a list, got 'a.csv'"),
     ({"recordings": []}, "field recordings: "),
@@ -171,31 +166,29 @@ def test_refused(content: dict[str, Any], message: str, folder: Path) -> None:
     assert message.format(folder=folder) in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("name: [", "line 1, column 8: is not valid YAML"),
-        ("name: !!timestamp later", "is not valid YAML"),
-        (
-            "name: a\nname: b\n",
-            "line 2, column 1: is not valid YAML: key 'name' is given twice",
-        ),
-        ("", "expected a mapping (key: value), got None"),
-        ("- a\n", "expected a mapping"),
-    ],
-)
-def test_no_case_file_at_all(text: str, message: str, tmp_path: Path) -> None:
-    (tmp_path / "case.yaml").write_text(text)
+LOG = "t,q1\n" + "0.5,1.0\n" * 10_000
+NO_CASES = [
+    ("case.yaml", "name: [", "line 1, column 8: is not valid YAML"),
+    ("case.yaml", "name: !!timestamp later", "is not valid YAML"),
+    ("case.yaml", "name: a\nname: b\n", "line 2, column 1: is not valid YAML: key 'name' is given twice"),
+    ("case.yaml", "", "expected a mapping (key: value), got None"),
+    ("case.yaml", "- a\n", "expected a mapping"),
+    ("metadata.yaml", "rosbag2_bagfile_information: {}", "is a log, and a case was expected"),
+    ("recording.csv", LOG, "is a log"),
+    ("recording.yaml", LOG, "expected a mapping"),
+]  # fmt: skip
+"""A file alone in a folder; the folder is given for a case where that has a case or a bag, or else the file."""
+
+
+@pytest.mark.parametrize(("name", "text", "message"), NO_CASES)
+def test_what_is_no_case_is_refused_and_not_printed_whole(
+    name: str, text: str, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text(text)
+    given = tmp_path / name if name.startswith("recording") else tmp_path
     with pytest.raises(InputError) as caught:
-        load_case(tmp_path)
-    assert message in str(caught.value)
-
-
-def test_a_number_without_a_decimal_point(folder: Path) -> None:
-    write(folder)
-    path = folder / "case.yaml"
-    path.write_text(path.read_text() + "nominal: {encoder_step: 1e-4}\n")
-    assert load_case(path).arm.encoder_step == 1e-4
+        load_case(given)
+    assert message in str(caught.value) and len(str(caught.value)) < 500
 
 
 def test_unsigned_torque_is_a_warning_of_the_case(
@@ -216,72 +209,45 @@ def test_data_root(
 ) -> None:
     path = write(folder, recordings=["${GAPSCOPE_DATA}/a.csv"])
     monkeypatch.setenv("GAPSCOPE_DATA", str(tmp_path / "absent"))
-    with pytest.raises(
-        InputError,
-        match="field recordings: .* is replaced by .*absent, which is not a folder",
-    ):
+    message = "field recordings: .* is replaced by .*absent, which is not a folder"
+    with pytest.raises(InputError, match=message):
         load_case(path)
     assert len(load_case(path, data_root=folder).recordings) == 1
     monkeypatch.setenv("GAPSCOPE_DATA", str(folder))
     assert len(load_case(path).recordings) == 1
 
 
+SHEET = ("joints", "gravity", "armature", "coulomb", "viscous", "torque_limit")
+
+
 def same(one: Case, other: Case) -> None:
     """Everything but the names of files is equal."""
-    for name in (
-        "joints",
-        "gravity",
-        "armature",
-        "coulomb",
-        "viscous",
-        "torque_limit",
-        "encoder",
-        "encoder_step",
-    ):
-        np.testing.assert_array_equal(
-            getattr(one.arm, name), getattr(other.arm, name), err_msg=name
-        )
-    for a, b in zip(
-        (*one.recordings, *one.judged), (*other.recordings, *other.judged), strict=True
-    ):
-        for name in ("stamps", *CHANNELS):
-            np.testing.assert_array_equal(
-                getattr(a, name), getattr(b, name), err_msg=name
-            )
+    pairs = [(one.arm, other.arm, (*SHEET, "encoder", "encoder_step"))]
+    recordings = [(*case.recordings, *case.judged) for case in (one, other)]
+    for a, b in zip(*recordings, strict=True):
+        pairs.append((a, b, ("stamps", *CHANNELS)))
     assert (one.controller is None) == (other.controller is None)
-    if one.controller is not None and other.controller is not None:
-        for name in vars(one.controller):
-            np.testing.assert_array_equal(
-                getattr(one.controller, name),
-                getattr(other.controller, name),
-                err_msg=name,
-            )
+    if one.controller is not None:
+        pairs.append((one.controller, other.controller, (*vars(one.controller),)))
+    for a, b, names in pairs:
+        for name in names:
+            values = getattr(a, name), getattr(b, name)
+            np.testing.assert_array_equal(*values, err_msg=name)
 
 
 def test_write_case(folder: Path, tmp_path: Path) -> None:
     write(
         folder,
         nominal={"armature": [1, 1 / 3], "torque_limit": [5, 6], "encoder_step": 1e-5},
-        controller={
-            "rate": 1000,
-            "kp": [1, 2],
-            "kd": [3, 4],
-            "velocity_filter": {"cutoff": 80},
-        },
+        controller=CONTROLLER,
         judge=["b.npz", "a.csv"],
         **{"import": {"rows": {"fit": [[0, 119], [60, 199]]}}},
     )
-    case = load_case(folder)
-    made = tmp_path / "deeper" / "made"
+    case, made = load_case(folder), tmp_path / "deeper" / "made"
     assert write_case(case, made) == made / "case.yaml"
-    assert sorted(path.name for path in made.iterdir()) == [
-        "a.csv",
-        "a_rows_0_119.csv",
-        "a_rows_60_199.csv",
-        "b.csv",
-        "case.yaml",
-        "robot.urdf",
-    ]
+    logs = ["a.csv", "a_rows_0_119.csv", "a_rows_60_199.csv", "b.csv"]
+    names = sorted(path.name for path in made.iterdir())
+    assert names == [*logs, "case.yaml", "robot.urdf"]
     same(case, load_case(made))
     with pytest.raises(InputError, match="holds a case already"):
         write_case(case, made)
@@ -314,21 +280,47 @@ def test_write_case_without_torque_and_with_equal_names(
     same(made, load_case(tmp_path / "made"))
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [("recording.csv", "is a log"), ("recording.yaml", "expected a mapping")],
-)
-def test_a_log_given_for_a_case_is_not_printed_whole(
-    name: str, said: str, tmp_path: Path
-) -> None:
-    path = tmp_path / name
-    path.write_text("t,q1\n" + "0.5,1.0\n" * 10_000)
-    with pytest.raises(InputError, match=said) as caught:
-        load_case(path)
-    assert len(str(caught.value)) < 500
+# Known payloads.
 
 
-def test_the_folder_of_a_bag_is_no_case(tmp_path: Path) -> None:
-    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
-    with pytest.raises(InputError, match="is a log, and a case was expected"):
-        load_case(tmp_path)
+TWO = {"recordings": ["a.csv", "b.npz"], "judge": ["more/c.npz"]}
+
+
+def test_recordings_carry_what_the_case_says(folder: Path) -> None:
+    write(folder, payloads={"b.npz": BODY, "more/c.npz": BODY | {"mass": 0}}, **TWO)
+    case = load_case(folder)
+    assert [r.payload for r in case.recordings] == [None, LOAD]
+    assert case.judged[0].payload == KnownLoad(0.0, LOAD.com)
+    assert case.payload_of(folder / "more" / ".." / "b.npz") == LOAD
+    assert case.payload_of(folder / "a.csv") is None
+    assert load_case(folder, read_recordings=False).payloads == case.payloads
+    assert set(case_files(folder)) >= {folder / "b.npz"}
+    # every part of a recording carries it
+    rows = {"rows": {"fit": [[0, 120]], "judge": [60, 199]}}
+    write(folder, payloads={"b.npz": BODY}, **TWO, **{"import": rows})
+    case = load_case(folder)
+    assert [r.payload for r in case.recordings] == [None, LOAD]
+    assert [r.payload for r in case.judged] == [None, LOAD, None]
+
+
+def test_files_side_by_side_may_be_named_by_any_of_them(folder: Path) -> None:
+    entry = {"motion": "a.csv", "force": "b.npz"}
+    columns = {"q": ("motion", "q{j}"), "tau": ("force", "tau{j}")}
+    importing = {k: {"file": x, "column": y} for k, (x, y) in columns.items()}
+    more = {"recordings": [entry], "import": {"join": "row", **importing}}
+    for name in entry.values():
+        write(folder, payloads={name: BODY}, **more)
+        assert load_case(folder).recordings[0].payload == LOAD
+
+
+def test_payloads_are_written_and_read_back(folder: Path) -> None:
+    write(folder, payloads={"b.npz": BODY, "more/c.npz": BODY}, **TWO)
+    again = load_case(write_case(load_case(folder), folder / "again"))
+    assert [r.payload for r in again.recordings] == [None, LOAD]
+    assert again.judged[0].payload == LOAD
+    plain = write_case(load_case(folder / "again"), folder / "third", ending="npz")
+    assert list(yaml.safe_load(plain.read_text())["payloads"]) == ["b.npz", "c.npz"]
+    # a case without any is written without the section
+    write(folder, **TWO)
+    bare = write_case(load_case(folder), folder / "bare")
+    assert "payloads" not in yaml.safe_load(bare.read_text())

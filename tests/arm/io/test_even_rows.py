@@ -32,14 +32,11 @@ def test_samples_of_a_robot_that_is_slower_than_the_logger_are_even() -> None:
     assert np.diff(even) == pytest.approx(PERIOD / 0.98, rel=1e-3)
 
 
-def test_rows_that_are_missing_keep_their_gap() -> None:
-    """The robot went on by two periods: the stamps are right."""
-    taken = np.delete(np.arange(400) * PERIOD, np.arange(25, 400, 50))
-    assert even_stamps_of_rows(taken, motion(taken)) is None
-
-
-def test_even_stamps_and_long_gaps_are_left_as_they_are() -> None:
+@pytest.mark.parametrize("what", ["even", "halted", "missing"])
+def test_stamps_that_are_right_are_left_as_they_are(what: str) -> None:
+    """Even ones, those of a logger that halted for a second, and those of a robot that went on by two periods."""
     taken = np.arange(400) * PERIOD
-    assert even_stamps_of_rows(taken, motion(taken)) is None
-    halted = taken + 1.0 * (taken > 5.0)
-    assert even_stamps_of_rows(halted, motion(taken)) is None
+    if what == "missing":
+        taken = np.delete(taken, np.arange(25, 400, 50))
+    stamps = taken + 1.0 * (taken > 5.0) * (what == "halted")
+    assert even_stamps_of_rows(stamps, motion(taken)) is None

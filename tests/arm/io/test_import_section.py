@@ -21,14 +21,10 @@ A, B, T = np.sin(np.arange(N)), np.cos(np.arange(N)), np.arange(N) / 100
 
 def write(path: Path, **columns: Any) -> Path:
     """A CSV file with these columns."""
-    rows = zip(*columns.values(), strict=True)
-    lines = [
-        ",".join(columns),
-        *(
-            ",".join(f'"{x}"' if isinstance(x, list) else repr(float(x)) for x in row)
-            for row in rows
-        ),
-    ]
+    lines = [",".join(columns)]
+    for row in zip(*columns.values(), strict=True):
+        cells = (f'"{x}"' if isinstance(x, list) else repr(float(x)) for x in row)
+        lines.append(",".join(cells))
     path.write_text("\n".join(lines))
     return path
 
@@ -47,9 +43,8 @@ def read(arm: NominalArm, tmp_path: Path) -> Read:
 
     def of(section: dict[str, Any] | None = None, **columns: Any) -> Recording:
         given = {"t": T, "q1": A, "q2": B} | columns
-        path = write(
-            tmp_path / "a.csv", **{k: x for k, x in given.items() if x is not None}
-        )
+        kept = {key: series for key, series in given.items() if series is not None}
+        path = write(tmp_path / "a.csv", **kept)
         return load_recording(path, arm, imported(arm, **section) if section else None)
 
     return of
@@ -108,14 +103,14 @@ def test_files_side_by_side_by_row(arm: NominalArm, tmp_path: Path) -> None:
     np.testing.assert_array_equal(part.q, both(A, B)[10:40])
     alone = load_recording(position, arm, section)
     assert alone.tau is None and len(alone.t) == N
-    short = files | {"torque": write(tmp_path / "c.csv", J1=A[:50], J2=B[:50])}
-    with pytest.raises(InputError, match="c.csv: has 50 rows, p.csv has 60"):
-        load_recording(short, arm, section)
-    lacking = {"position": position}
-    with pytest.raises(InputError, match="the file torque, an entry holds position"):
-        load_recording(lacking, arm, section, complete=True)
-    with pytest.raises(InputError, match="the files torque, but q comes from position"):
-        load_recording({"torque": files["torque"]}, arm, section)
+    short = write(tmp_path / "short.csv", J1=A[:50], J2=B[:50])
+    for message, given, complete in (
+        ("short.csv: has 50 rows, p.csv has 60", files | {"torque": short}, False),
+        ("the file torque, an entry holds position", {"position": position}, True),
+        ("the files torque, but q comes from pos", {"torque": files["torque"]}, False),
+    ):
+        with pytest.raises(InputError, match=message):
+            load_recording(given, arm, section, complete=complete)
 
 
 def beside(arm: NominalArm, join: str, column: str) -> Any:

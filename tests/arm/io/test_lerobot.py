@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from gapscope.arm.io.import_section import parse_import
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.log import open_log
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 
+Read = Callable[..., Recording]
 FPS = 50
 FRAMES = 100
 
@@ -82,9 +85,24 @@ def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return dataset(tmp_path / "dataset", *request.param)
 
 
+@pytest.fixture
+def read(folder: Path, arm: NominalArm, tmp_path: Path) -> Read:
+    """An episode by an import section."""
+
+    def of(episode: int, **section: Any) -> Recording:
+        return load_recording(folder, arm, importing(tmp_path, **section), episode=episode)  # fmt: skip
+
+    return of
+
+
 def importing(tmp_path: Path, **section: Any) -> Any:
     """An import section for the two-joint arm."""
     return parse_import(section, 2, tmp_path / "case.yaml")
+
+
+def state_of(number: int) -> np.ndarray:
+    """Positions of both joints [deg], (FRAMES, 2)."""
+    return episode(number)["observation.state"][:, :2].astype(float)
 
 
 def test_each_episode_is_a_table(folder: Path) -> None:
@@ -101,56 +119,43 @@ def test_each_episode_is_a_table(folder: Path) -> None:
     )
 
 
-def test_degrees_with_the_action_as_the_reference(
-    folder: Path, arm: NominalArm, tmp_path: Path
+def test_degrees_with_the_action_as_the_reference_and_effort_if_it_is_named(
+    read: Read,
 ) -> None:
-    section = importing(tmp_path, q={"unit": "deg"}, tau=None)
-    recording = load_recording(folder, arm, section, episode=2, complete=True)
-    state = episode(2)["observation.state"][:, :2].astype(float)
+    recording, state = read(2, q={"unit": "deg"}, tau=None), state_of(2)
     np.testing.assert_allclose(recording.q, np.deg2rad(state))
     np.testing.assert_allclose(recording.q_ref, np.deg2rad(state + 1), atol=1e-6)
     assert recording.tau is None and recording.name == "dataset episode 2"
-
-
-def test_effort_if_the_case_names_it(
-    folder: Path, arm: NominalArm, tmp_path: Path
-) -> None:
-    section = importing(tmp_path, q={"unit": "deg"}, tau={"scale": 0.5})
-    recording = load_recording(folder, arm, section, episode=0, complete=True)
+    pushed = read(0, q={"unit": "deg"}, tau={"scale": 0.5}).tau
     effort = episode(0)["observation.effort"][:, :2].astype(float)
-    np.testing.assert_allclose(recording.tau, 0.5 * effort)
+    np.testing.assert_allclose(pushed, 0.5 * effort)
 
 
-def test_the_unit_has_to_be_said(folder: Path, arm: NominalArm, tmp_path: Path) -> None:
+def test_the_unit_has_to_be_said(read: Read) -> None:
     with pytest.raises(InputError, match="does not say whether its positions are"):
-        load_recording(folder, arm, importing(tmp_path, tau=None), episode=0)
-    section = importing(tmp_path, q={"unit": "normalised"}, tau=None)
+        read(0, tau=None)
     with pytest.raises(InputError, match="give the arm's calibration file"):
-        load_recording(folder, arm, section, episode=0)
+        read(0, q={"unit": "normalised"}, tau=None)
 
 
-def test_normalised_positions_with_a_calibration(
-    folder: Path, arm: NominalArm, tmp_path: Path
-) -> None:
-    motor = {"id": 1, "drive_mode": 0, "homing_offset": 12}
-    content = {
-        "shoulder": motor | {"range_min": 1024, "range_max": 3072},
-        "elbow": motor | {"range_min": 0, "range_max": 1024, "drive_mode": 1},
-    }
-    (tmp_path / "arm.json").write_text(json.dumps(content))
-    section = importing(
-        tmp_path, q={"unit": "normalised"}, tau=None, calibration="arm.json"
-    )
-    recording = load_recording(folder, arm, section, episode=0)
-    state = episode(0)["observation.state"].astype(float)
+MOTOR = {"drive_mode": 0, "homing_offset": 12, "range_min": 1024, "range_max": 3072}
+NORMALISED = {"q": {"unit": "normalised"}, "tau": None, "calibration": "arm.json"}
+
+
+def calibrate(folder: Path, **elbow: int) -> Path:
+    """Write the arm's calibration."""
+    content = {"shoulder": MOTOR, "elbow": MOTOR | elbow}
+    (folder / "arm.json").write_text(json.dumps(content))
+    return folder / "arm.json"
+
+
+def test_normalised_positions_with_a_calibration(read: Read, tmp_path: Path) -> None:
+    calibrate(tmp_path, range_min=0, range_max=1024, drive_mode=1)
+    recording, state = read(0, **NORMALISED), state_of(0) / 100 * np.pi
     # 2048 of 4096 steps are half a turn, from -100 to 100; 1024 a quarter, counted backwards
-    np.testing.assert_allclose(recording.q[:, 0], state[:, 0] / 100 * np.pi / 2)
-    np.testing.assert_allclose(recording.q[:, 1], -state[:, 1] / 100 * np.pi / 4)
-    np.testing.assert_allclose(
-        recording.q_ref[:, 0],  # type: ignore[index]
-        (state[:, 0] + 1) / 100 * np.pi / 2,
-        atol=1e-6,
-    )
+    np.testing.assert_allclose(recording.q, state * [1 / 2, -1 / 4])
+    expected = state[:, 0] / 2 + np.pi / 200
+    np.testing.assert_allclose(recording.q_ref[:, 0], expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -171,50 +176,50 @@ def test_bad_calibrations(content: str, message: str, tmp_path: Path) -> None:
         importing(tmp_path, calibration="arm.json")
 
 
-def test_a_case_chooses_episodes(folder: Path, urdf: Path) -> None:
-    content: dict[str, Any] = {
-        "name": "hobby",
-        "robot": urdf.name,
-        "recordings": [folder.name],
-        "import": {"q": {"unit": "deg"}, "tau": None},
-    }
-    file = folder.parent / "case.yaml"
-    file.write_text(yaml.safe_dump(content))
-    names = [recording.name for recording in load_case(file).recordings]
+@pytest.fixture
+def case(folder: Path, urdf: Path) -> Callable[..., Path]:
+    """A case of the dataset with an import section."""
+
+    def of(**section: Any) -> Path:
+        content = {"name": "hobby", "robot": urdf.name, "recordings": [folder.name]}
+        file = folder.parent / "case.yaml"
+        file.write_text(yaml.safe_dump(content | {"import": section}))
+        return file
+
+    return of
+
+
+def test_a_case_chooses_episodes(case: Callable[..., Path]) -> None:
+    read = {"q": {"unit": "deg"}, "tau": None}
+    names = [recording.name for recording in load_case(case(**read)).recordings]
     assert names == [f"dataset episode {number}" for number in range(3)]
-    content["import"]["episodes"] = {"fit": [0, 2], "judge": [1]}
-    file.write_text(yaml.safe_dump(content))
-    case = load_case(file)
-    assert [r.name[-1] for r in case.recordings] == ["0", "2"]
-    assert [r.name[-1] for r in case.judged] == ["1"]
-    content["import"] = {"q": {"unit": "deg"}, "tau": None, "topic": "episode 1"}
-    file.write_text(yaml.safe_dump(content))
-    assert [r.name for r in load_case(file).recordings] == ["dataset episode 1"]
-    content["import"] = {"q": {"unit": "deg"}, "tau": None, "episodes": {"fit": [7]}}
-    file.write_text(yaml.safe_dump(content))
+    some = load_case(case(**read, episodes={"fit": [0, 2], "judge": [1]}))
+    assert [r.name[-1] for r in (*some.recordings, *some.judged)] == ["0", "2", "1"]
+    (one,) = load_case(case(**read, topic="episode 1")).recordings
+    assert one.name == "dataset episode 1"
     with pytest.raises(InputError, match="has no episode 7; it has 0, 1, 2"):
-        load_case(file)
+        load_case(case(**read, episodes={"fit": [7]}))
 
 
-def test_videos_are_no_files_of_a_case(folder: Path) -> None:
+def test_a_calibration_is_a_file_of_a_case_and_videos_are_none(
+    case: Callable[..., Path], folder: Path
+) -> None:
+    calibration = calibrate(folder.parent)
+    assert calibration in case_files(case(**NORMALISED).parent)
     (folder / "videos").mkdir()
     (folder / "videos" / "top.mp4").touch()
     assert {path.suffix for path in files_of(folder)} == {".json", ".parquet"}
 
 
-def test_a_calibration_is_a_file_of_a_case(folder: Path, urdf: Path) -> None:
-    motor = {"drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4096}
-    calibration = folder.parent / "arm.json"
-    calibration.write_text(json.dumps({"shoulder": motor, "elbow": motor}))
-    section = {"q": {"unit": "normalised"}, "tau": None, "calibration": "arm.json"}
-    content = {"name": "hobby", "robot": urdf.name, "recordings": [folder.name]}
-    (folder.parent / "case.yaml").write_text(
-        yaml.safe_dump(content | {"import": section})
-    )
-    assert calibration in case_files(folder.parent)
+DAMAGED = {
+    "info": "description of a LeRobot dataset",
+    "pointer": "Git LFS leaves pointers",
+    "no data": "has no data",
+    "names": "names 1 entries of observation.state, the frames hold 3",
+}
 
 
-@pytest.mark.parametrize("damage", ["info", "pointer", "no data", "names"])
+@pytest.mark.parametrize("damage", DAMAGED)
 def test_damaged_datasets(damage: str, tmp_path: Path) -> None:
     names = ["a"] if damage == "names" else NEW_NAMES
     folder = dataset(tmp_path / "dataset", "v3.0", names)
@@ -225,11 +230,5 @@ def test_damaged_datasets(damage: str, tmp_path: Path) -> None:
         data.write_text("version https://git-lfs.github.com/spec/v1\n")
     if damage == "no data":
         data.unlink()
-    expected = {
-        "info": "description of a LeRobot dataset",
-        "pointer": "Git LFS leaves pointers",
-        "no data": "has no data",
-        "names": "names 1 entries of observation.state, the frames hold 3",
-    }
-    with pytest.raises(InputError, match=expected[damage]):
+    with pytest.raises(InputError, match=DAMAGED[damage]):
         open_log(folder)

@@ -1,10 +1,8 @@
 """A motor that turns two joints, simulated: the torque that its law says, whatever the engine; it sticks, and stays."""
 
-from dataclasses import replace
-from importlib.util import find_spec
-
 import numpy as np
 import pytest
+from sweeps import daily
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
@@ -12,13 +10,10 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.engines import ENGINES
 from gapscope.envs.simulated_arm import SimulatedArm
 
 DT = 1e-3
-ENGINES = [
-    pytest.param(name, marks=pytest.mark.skipif(not find_spec(name), reason=name))
-    for name in ("pybullet", "mujoco")
-]
 EFFECTS = (
     AppliedEffect("coupled_coulomb_friction", (7,), {"torque": [1.0]}),
     AppliedEffect("coupled_viscous_friction", (7,), {"coefficient": [0.5]}),
@@ -28,20 +23,19 @@ EFFECTS = (
 
 
 def wrist() -> NominalArm:
-    arm = load_nominal_arm(
-        "kuka_iiwa", sheet={"armature": [0.1] * 7, "viscous": [0.5] * 7}
-    )
-    coupling = np.eye(7)
-    coupling[6, 5] = -1.0
-    return replace(arm, coupling=coupling)
+    sheet = {"armature": [0.1] * 7, "viscous": [0.5] * 7}
+    sheet["coupling"] = [{"motor": 7, "joint": 6, "ratio": -1.0}]
+    return load_nominal_arm("kuka_iiwa", sheet=sheet)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_the_simulated_motion_needs_the_torque_that_the_law_says(engine: str) -> None:
+@pytest.mark.parametrize("engine", daily(ENGINES, "mujoco"))
+def test_the_simulated_motion_needs_the_torque_that_the_law_says(
+    engines, engine: str
+) -> None:
     arm = wrist()
     body, corrected = RigidBody(arm), CorrectedArm(arm, EFFECTS)
     start = np.array([0.1, 0.4, -0.2, -0.8, 0.3, 0.5, 0.2])
-    with SimulatedArm(arm, EFFECTS, DT, engine=engine) as simulated:
+    with SimulatedArm(arm, EFFECTS, DT, engine=engines(engine)) as simulated:
         simulated.reset(start)
         q, dq, torque = [], [], []
         for k in range(600):
@@ -63,17 +57,16 @@ def test_the_simulated_motion_needs_the_torque_that_the_law_says(engine: str) ->
     assert np.sqrt((error**2).mean(axis=0)).max() < 0.02
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_joints_of_a_sticking_motor_move_together(engine: str) -> None:
+@pytest.mark.parametrize("engine", daily(ENGINES, "mujoco"))
+def test_joints_of_a_sticking_motor_move_together(engines, engine: str) -> None:
     """Joints 6 and 7 pushed alike do not turn motor 7, whose speed is dq7 - dq6, if that sticks hard enough."""
     arm = wrist()
     strong = (AppliedEffect("coupled_coulomb_friction", (7,), {"torque": [50.0]}),)
     body = RigidBody(arm)
-    with SimulatedArm(arm, strong, DT, engine=engine) as simulated:
+    with SimulatedArm(arm, strong, DT, engine=engines(engine)) as simulated:
         simulated.reset(np.zeros(7))
         for _ in range(300):
-            push = np.array([0, 0, 0, 0, 0, 2.0, 0.0])
-            simulated.step(body.bias(simulated.q, np.zeros(7)) + push)
+            simulated.step(body.bias(simulated.q, np.zeros(7)) + 2.0 * np.eye(7)[5])
         speed = simulated.dq
     assert speed[5] > 0.05
     assert speed[6] == pytest.approx(speed[5], rel=1e-3)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sweeps import daily
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -49,7 +50,7 @@ FRICTION = [name for name, effect in CATALOGUE.items() if effect.family == "fric
 
 
 @pytest.mark.parametrize("name", FRICTION)
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", daily(ENGINES, "mujoco"))
 def test_friction_takes_energy_out(
     engines, data_sheet_arm: NominalArm, engine: str, name: str
 ) -> None:
@@ -99,3 +100,17 @@ def test_joints_break_away_at_their_limit_on_every_engine(
             push[joint] += share * limit[joint]
             simulated.step(push, 50)
             assert bool(abs(simulated.dq[joint]) > 0) is moves, joint
+
+
+@pytest.mark.parametrize(
+    ("torque", "moves"), [(19.0, 0), (20.2, 1), (7.0, 0), (6.0, -1)]
+)
+def test_load_friction_sticks_up_to_its_share_of_the_motor_torque(
+    pendulum, torque: float, moves: int
+) -> None:
+    """mu = 0.5 under a gravity torque of 9.81 N m: up beyond 9.81 / (1 - mu), down below 9.81 / (1 + mu) N m."""
+    friction = AppliedEffect("load_friction", (1,), {"coefficient": [0.5]})
+    with SimulatedArm(pendulum(), (friction,)) as simulated:
+        for _ in range(100):
+            simulated.step(np.array([-torque]))
+        assert (-np.sign(simulated.q[0]) if abs(simulated.q[0]) > 1e-6 else 0) == moves

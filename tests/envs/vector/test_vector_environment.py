@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from own_effects import RECORDS, on_arm
+from sweeps import daily
 
 import gapscope  # noqa: F401 (makes the environment known)
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.catalogue import CATALOGUE, register, remove
+from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.severity import draw
+from gapscope.envs.engines import ENGINES
 from gapscope.envs.environment import ArmTracking, VectorArmTracking
 from gapscope.envs.randomisation import Randomisation
 
@@ -103,12 +105,8 @@ def test_equal_without_friction_with_noise_and_on_a_branched_hand(
 
 
 def test_equal_if_joints_are_in_another_order(bare_arm: NominalArm) -> None:
-    backwards = NominalArm(
-        "part",
-        bare_arm.urdf,
-        tuple(reversed(bare_arm.joints[:5])),
-        coulomb=np.full(5, 0.5),
-    )
+    joints, dry = tuple(reversed(bare_arm.joints[:5])), np.full(5, 0.5)
+    backwards = NominalArm("part", bare_arm.urdf, joints, coulomb=dry)
     _compare(backwards, motion="fourier", steps=6)
 
 
@@ -120,43 +118,32 @@ def test_arms_that_diverge_end_alone(bare_arm: NominalArm, action: str) -> None:
 
 def test_drift_of_held_and_of_delayed_torque(data_sheet_arm: NominalArm) -> None:
     """Drift is taken over before or after the torque, depending on whether that changes within an action."""
-    joints = (1, 2, 3)
-    warm = AppliedEffect(
-        "friction_drift", joints, {"amplitude": 0.8, "time_constant": 0.1}
-    )
-    load = AppliedEffect("load_friction", joints, {"coefficient": 0.2})
+    drift = {"amplitude": 0.8, "time_constant": 0.1}
+    warm = AppliedEffect("friction_drift", (1, 2, 3), drift)
+    load = AppliedEffect("load_friction", (1, 2, 3), {"coefficient": 0.2})
     late = AppliedEffect("actuator_delay", (2,), {"delay": 2.3e-3})
     for effects in ((warm, load), (warm, load, late)):
         _compare(data_sheet_arm, effects=effects, action="torque", size=0.2)
 
 
 def test_equal_with_effects_of_a_user_that_differ_between_arms(
-    data_sheet_arm: NominalArm,
+    own: None, data_sheet_arm: NominalArm
 ) -> None:
     """Each arm has two of them, and others at the next reset."""
-    for record in RECORDS.values():
-        register(record)
-    try:
-        effects = [on_arm(name) for name in RECORDS]
-        count, options = len(effects), {"episode_length": 0.16, "encoder_noise": 1e-4}
-        alone = [ArmTracking(data_sheet_arm, engine="mujoco", **options)] * count
-        together = VectorArmTracking(count, data_sheet_arm, **options)
-        for shift in (1, 2):
-            each = [
-                {"effects": (effect, effects[i - shift])}
-                for i, effect in enumerate(effects)
-            ]
-            seen = [together.reset(seed=5, options={"each": each})[0]]
-            seen += [
-                together.step(np.zeros((count, 7), np.float32))[0] for _ in range(6)
-            ]
-            for i, env in enumerate(alone):
-                own = [env.reset(seed=5 + i, options=each[i])[0]]
-                own += [env.step(np.zeros(7, np.float32))[0] for _ in range(6)]
-                np.testing.assert_array_equal(own, np.array(seen)[:, i])
-    finally:
-        for name in RECORDS:
-            remove(name)
+    effects = [on_arm(name) for name in RECORDS]
+    count, options = len(effects), {"episode_length": 0.16, "encoder_noise": 1e-4}
+    alone = ArmTracking(data_sheet_arm, engine="mujoco", **options)
+    together = VectorArmTracking(count, data_sheet_arm, **options)
+    for shift in (1, 2):
+        pairs = [(effect, effects[i - shift]) for i, effect in enumerate(effects)]
+        each = [{"effects": pair} for pair in pairs]
+        still = np.zeros((count, 7), np.float32)
+        seen = [together.reset(seed=5, options={"each": each})[0]]
+        seen += [together.step(still)[0] for _ in range(6)]
+        for i in range(count):
+            single = [alone.reset(seed=5 + i, options=each[i])[0]]
+            single += [alone.step(still[i])[0] for _ in range(6)]
+            np.testing.assert_array_equal(single, np.array(seen)[:, i])
 
 
 def test_made_by_name(data_sheet_arm: NominalArm) -> None:
@@ -193,36 +180,36 @@ def test_what_it_does_not_do_is_refused(options: dict, message: str) -> None:
         VectorArmTracking(**{"num_envs": 2, **options})
 
 
-@pytest.mark.parametrize("engine", ["pybullet", "mujoco"])
+@pytest.fixture
+def two_masses(data_sheet_arm: NominalArm) -> tuple[AppliedEffect, ...]:
+    """Effects that give a joint a motor of its own."""
+    rng, scale = np.random.default_rng(7), ArmScale.of(data_sheet_arm)
+    return tuple(draw(name, rng, scale, joints=(2, 4)) for name in ALONE)
+
+
+@pytest.mark.parametrize("engine", daily(ENGINES, "mujoco"))
 def test_arms_stepped_one_by_one_are_equal_too(
-    data_sheet_arm: NominalArm, engine: str
+    engines, two_masses: tuple, data_sheet_arm: NominalArm, engine: str
 ) -> None:
-    scale = ArmScale.of(data_sheet_arm)
-    soft, tight = (
-        draw(name, np.random.default_rng(7), scale, joints=(2, 4)) for name in ALONE
-    )
     drawn = Randomisation((*ALONE, "payload"), count=(0, 2))
-    for options in ({"effects": (soft, tight)}, {"randomisation": drawn}):
-        _compare(data_sheet_arm, engine=engine, steps=10, count=2, **options)
+    how = {"engine": engines(engine), "steps": 10, "count": 2}
+    for options in ({"effects": two_masses}, {"randomisation": drawn}):
+        _compare(data_sheet_arm, **how, **options)
 
 
 def test_motors_of_their_own_come_when_the_environments_are_made(
-    data_sheet_arm: NominalArm,
+    two_masses: tuple, data_sheet_arm: NominalArm
 ) -> None:
-    scale = ArmScale.of(data_sheet_arm)
-    effect = draw(ALONE[0], np.random.default_rng(7), scale, joints=(2, 4))
     env = VectorArmTracking(2, data_sheet_arm)
     with pytest.raises(InputError, match="not stepped together") as caught:
-        env.reset(seed=0, options={"effects": effect})
+        env.reset(seed=0, options={"effects": two_masses[0]})
     assert "sync" in caught.value.remedy
 
 
 def test_threads_do_not_change_the_result(data_sheet_arm: NominalArm) -> None:
-    rows = []
+    rows, options = [], {"episode_length": 0.1, "motion": "fourier"}
     for threads in (1, 2):
-        env = VectorArmTracking(
-            5, data_sheet_arm, threads=threads, episode_length=0.1, motion="fourier"
-        )
+        env = VectorArmTracking(5, data_sheet_arm, threads=threads, **options)
         env.reset(seed=3)
         action = np.full(env.action_space.shape, 0.5, np.float32)
         rows.append([env.step(action)[0] for _ in range(4)])

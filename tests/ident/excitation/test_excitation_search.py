@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +44,37 @@ from gapscope.ident.model.regressor import JOINT_COLUMNS
 
 COLUMNS = ("rotor", "damping")
 LIMITS = LimitPlan(singular=0.0)
+PAIR = ("coulomb_friction", "load_friction")
+Searching = Callable[..., TrajectorySearch]
+
+
+SEPARATELY = np.full(3, 40.0)
+"""Torque limits that bind nothing [N m]."""
+
+
+@pytest.fixture
+def searching(arm: NominalArm, body: RigidBody, limits: Limits) -> Searching:
+    """A search without collisions and singular poses."""
+
+    def made(
+        kind: str = "fourier",
+        criterion: str = "condition",
+        order: int = 3,
+        columns: tuple[str, ...] = COLUMNS,
+        torque: np.ndarray = SEPARATELY,
+        budget: int = 10,
+        **changed: np.ndarray,
+    ) -> TrajectorySearch:
+        within = limits._replace(**changed)
+        return TrajectorySearch(
+            Parametrisation(KINDS[kind](3, 10.0, order, 0.1), within),
+            ExcitationModel(arm, body, columns),
+            CRITERIA[criterion],
+            Checker(arm, body, Allowed(within, torque, 0.0, 0.0), None),
+            Budget(budget),
+        )
+
+    return made
 
 
 @pytest.mark.parametrize(
@@ -52,48 +82,40 @@ LIMITS = LimitPlan(singular=0.0)
     [("fourier", "condition"), ("quintic", "d"), ("multisine", "e")],
 )
 def test_gradient_of_the_score_agrees_with_finite_differences(
-    kind: str, criterion: str, arm: NominalArm, body: RigidBody, limits: Limits
+    kind: str, criterion: str, searching: Searching
 ) -> None:
     """With torque limits broken, so that the penalty counts too."""
-    search = TrajectorySearch(
-        Parametrisation(KINDS[kind](3, 10.0, 3, 0.1), limits),
-        ExcitationModel(arm, body, COLUMNS),
-        CRITERIA[criterion],
-        Checker(arm, body, Allowed(limits, np.array([0.5, 12.0, 3.0]), 0.0, 0.0), None),
-        Budget(400),
-    )
+    search = searching(kind, criterion, torque=np.array([0.5, 12.0, 3.0]), budget=400)
     x, h = search.parametrisation.draw(np.random.default_rng(1)), 1e-6
     score, gradient = search.score_and_gradient(x)
     assert score == search.score(x)
     assert not search.found and search.hardest == ("torque",)
-    rows = np.eye(len(x))
-    numeric = np.array(
-        [(search.score(x + h * e) - search.score(x - h * e)) / (2 * h) for e in rows]
-    )
+    ends = [[search.score(x + s * e) for e in h * np.eye(len(x))] for s in (1, -1)]
+    numeric = np.subtract(*ends) / (2 * h)
     off = np.abs(gradient - numeric) / np.abs(numeric).max()
     # but for the sign of the velocity, which the gradient takes as constant
     assert np.median(off) < 1e-5 and off.max() < 0.05
 
 
+def short(arm: NominalArm, optimiser: str) -> Excitation:
+    """The best of 200 candidates."""
+    few = {"order": 3, "columns": COLUMNS, "budget": Budget(200), "rate": 200.0}
+    plan = ExcitationPlan(optimiser=optimiser, **few)
+    return design(prepare(arm, plan, LIMITS), np.random.default_rng(3))
+
+
 @pytest.fixture(scope="module")
 def plain(arm: NominalArm) -> Excitation:
-    """The best of 200 random candidates."""
-    plan = ExcitationPlan(
-        order=3, columns=COLUMNS, optimiser="random", budget=Budget(200), rate=200.0
-    )
-    return design(prepare(arm, plan, LIMITS), np.random.default_rng(3))
+    """The best of as many random ones."""
+    return short(arm, "random")
 
 
 @pytest.mark.parametrize("name", OPTIMISERS)
 def test_optimiser_keeps_all_limits_and_repeats_itself(
     name: str, arm: NominalArm, body: RigidBody, plain: Excitation
 ) -> None:
-    plan = ExcitationPlan(
-        order=3, columns=COLUMNS, optimiser=name, budget=Budget(200), rate=200.0
-    )
-    found, again = (
-        design(prepare(arm, plan, LIMITS), np.random.default_rng(3)) for _ in range(2)
-    )
+    found = short(arm, name)
+    again = plain if name == "random" else short(arm, name)
     np.testing.assert_array_equal(found.motion.q, again.motion.q)
     assert found.evaluations < 210 and found.condition <= plain.condition
     assert all(margin.kept for margin in found.margins)
@@ -109,40 +131,27 @@ def test_optimiser_keeps_all_limits_and_repeats_itself(
 @pytest.mark.slow
 @pytest.mark.nightly
 def test_every_optimiser_at_most_halves_what_random_search_finds(
-    arm: NominalArm, body: RigidBody, limits: Limits
+    searching: Searching,
 ) -> None:
     """Condition number after the same 600 evaluations, with friction that is hard to tell apart."""
-    model, allowed = (
-        ExcitationModel(arm, body, JOINT_COLUMNS),
-        Allowed(limits, np.full(3, 40.0), 0.0, 0.0),
-    )
     found = {}
     for name, optimise in OPTIMISERS.items():
-        space = Parametrisation(KINDS["fourier"](3, 10.0, 5, 0.1), limits)
-        made = TrajectorySearch(
-            space,
-            model,
-            CRITERIA["condition"],
-            Checker(arm, body, allowed, None),
-            Budget(600),
-        )
+        made = searching(order=5, columns=JOINT_COLUMNS, budget=600)
         optimise(made, np.random.default_rng(0))
         found[name] = np.exp(made.found[-1].value)
-    assert all(
-        found[name] <= found["random"] / 2 for name in OPTIMISERS if name != "random"
-    )
+    half = found.pop("random") / 2
+    assert all(value <= half for value in found.values())
 
 
 def test_separation_finds_a_trajectory_that_tells_the_effects_apart(
     arm: NominalArm,
 ) -> None:
-    effects = ("coulomb_friction", "load_friction")
-    plan = ExcitationPlan(
-        order=2, criterion="separation", effects=effects, budget=Budget(80)
+    apart = {"criterion": "separation", "effects": PAIR, "budget": Budget(80)}
+    few = {"effects": PAIR, "budget": Budget(8), "optimiser": "random"}
+    plans = (ExcitationPlan(order=2, **how) for how in (few, apart))
+    first, found = (
+        design(prepare(arm, plan, LIMITS), np.random.default_rng(0)) for plan in plans
     )
-    few = replace(plan, criterion="condition", budget=Budget(8), optimiser="random")
-    first = design(prepare(arm, few, LIMITS), np.random.default_rng(0))
-    found = design(prepare(arm, plan, LIMITS), np.random.default_rng(0))
     assert found.separated is not None and first.separated is not None
     assert found.separated.least > first.separated.least
 
@@ -151,23 +160,28 @@ def test_when_no_candidate_keeps_the_limits_the_hardest_is_named(
     arm: NominalArm,
 ) -> None:
     """The arm can be held upright with 6 % of its torque, but hardly moved."""
-    with pytest.raises(
-        InputError,
-        match="(?s)none of 20 candidates keeps all limits; broken most: torque.*--torque",
-    ):
-        plan = ExcitationPlan(order=2, budget=Budget(20), optimiser="random")
-        limits = LimitPlan(torque=0.06, singular=0.0)
+    plan = ExcitationPlan(order=2, budget=Budget(20), optimiser="random")
+    limits = LimitPlan(torque=0.06, singular=0.0)
+    message = "(?s)none of 20 candidates keeps all limits; broken most: torque.*--tor"
+    with pytest.raises(InputError, match=message):
         design(prepare(arm, plan, limits), np.random.default_rng(0))
 
 
-@pytest.mark.parametrize(
-    "budget", [{"evaluations": 0}, {"seconds": -1.0}, {"evaluations": None}]
-)
-def test_budgets_that_make_no_sense_are_refused(
-    budget: dict[str, float | None],
-) -> None:
-    with pytest.raises(InputError):
-        Budget(**budget)  # type: ignore[arg-type]
+SENSELESS: dict[str, tuple[Callable[[], object], str]] = {
+    "no evaluations": (lambda: Budget(evaluations=0), "spent at once"),
+    "negative seconds": (lambda: Budget(seconds=-1.0), "spent at once"),
+    "neither": (lambda: Budget(evaluations=None), "never end"),
+    "one way point": (lambda: way_points(np.zeros(1), np.ones((1, 1))), "way points"),
+    "two at once": (lambda: way_points(np.zeros(2), np.ones((2, 1))), "way points"),
+    "late": (lambda: way_points(np.array([0.5, 1.0]), np.ones((2, 1))), "way points"),
+}
+
+
+@pytest.mark.parametrize("what", SENSELESS)
+def test_budgets_and_way_points_that_make_no_sense_are_refused(what: str) -> None:
+    made, message = SENSELESS[what]
+    with pytest.raises(InputError, match=message):
+        made()
 
 
 def test_joint_trajectory_holds_the_motion(tmp_path: Path, limits: Limits) -> None:
@@ -176,25 +190,17 @@ def test_joint_trajectory_holds_the_motion(tmp_path: Path, limits: Limits) -> No
     write_joint_trajectory(motion, ("a", "b: c", "it's"), tmp_path / "x.yaml")
     message = yaml.safe_load((tmp_path / "x.yaml").read_text())
     assert message["joint_names"] == ["a", "b: c", "it's"]
-    times = np.array(
-        [
-            p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"]
-            for p in message["points"]
-        ]
-    )
-    assert (
-        times[0] == 0 and times[-1] == pytest.approx(4.0) and (np.diff(times) > 0).all()
-    )
+    points = message["points"]
+    due = [(p["time_from_start"]["sec"], p["time_from_start"]["nanosec"]) for p in points]  # fmt: skip
+    times = np.array(due) @ [1.0, 1e-9]
+    assert times[0] == 0 and times[-1] == pytest.approx(4.0)
+    assert (np.diff(times) > 0).all()
     rows = np.searchsorted(motion.t, times - 1e-6)
-    for key, series in (
-        ("positions", motion.q),
-        ("velocities", motion.dq),
-        ("accelerations", motion.ddq),
-    ):
-        np.testing.assert_allclose(
-            [p[key] for p in message["points"]], series[rows], atol=1e-9
-        )
-    assert message["points"][-1]["velocities"] == [0.0, 0.0, 0.0]
+    keys = ("positions", "velocities", "accelerations")
+    for key, series in zip(keys, (motion.q, motion.dq, motion.ddq), strict=True):
+        written = [p[key] for p in points]
+        np.testing.assert_allclose(written, series[rows], atol=1e-9)
+    assert points[-1]["velocities"] == [0.0, 0.0, 0.0]
 
 
 # Every candidate keeps its limits, rests at both ends, and the exact gradients are those of finite differences.
@@ -203,63 +209,32 @@ def test_joint_trajectory_holds_the_motion(tmp_path: Path, limits: Limits) -> No
 DURATION = 10.0
 
 
-def space(kind: str, limits: Limits, frequency: float = 0.1) -> Parametrisation:
-    return Parametrisation(KINDS[kind](3, DURATION, 4, frequency), limits)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("frequency", [0.1, 0.5])
 def test_every_candidate_keeps_the_limits_at_every_millisecond(
     kind: str, frequency: float, limits: Limits
 ) -> None:
-    made, rng, t = (
-        space(kind, limits, frequency),
-        np.random.default_rng(0),
-        np.linspace(0, DURATION, 10001),
-    )
+    made = Parametrisation(KINDS[kind](3, DURATION, 4, frequency), limits)
+    rng, t = np.random.default_rng(0), np.linspace(0, DURATION, 10001)
     for _ in range(10):
-        x = 2 * made.draw(rng)
-        reference = made.reference(x)
+        reference = made.reference(2 * made.draw(rng))
         q = reference.position(t)
         assert (q >= limits.lower).all() and (q <= limits.upper).all()
         assert (np.abs(reference.velocity(t)) <= limits.velocity).all()
         assert (np.abs(reference.acceleration(t)) <= limits.acceleration).all()
 
 
-def test_multisine_has_the_same_velocity_at_all_harmonics(limits: Limits) -> None:
-    made = KINDS["multisine"](3, DURATION, 4, 0.1)
-    sine, cosine = np.split(
-        made.coefficients(np.random.default_rng(0).standard_normal(made.size)), 2
-    )
-    amplitude = np.hypot(sine, cosine) * np.arange(1, 5)[:, None]
-    np.testing.assert_allclose(amplitude, 1.0)
-
-
 def test_way_points_are_passed_at_their_times() -> None:
-    times, points = (
-        np.array([0.0, 1.0, 2.5, 3.0]),
-        np.array([[0.0], [1.0], [-1.0], [0.5]]),
-    )
+    times = np.array([0.0, 1.0, 2.5, 3.0])
+    points = np.array([[0.0], [1.0], [-1.0], [0.5]])
     motion = way_points(times, points)
     np.testing.assert_allclose(motion.position(times), points, atol=1e-12)
-    np.testing.assert_allclose(
-        motion.position(np.array([-1.0, 9.0])), [[0.0], [0.5]], atol=1e-12
-    )
+    beyond = motion.position(np.array([-1.0, 9.0]))
+    np.testing.assert_allclose(beyond, points[[0, -1]], atol=1e-12)
     np.testing.assert_allclose(motion.velocity(np.array([0.0, 3.0])), 0.0, atol=1e-9)
     t, h = np.linspace(0.01, 2.99, 40), 1e-6
     slope = (motion.position(t + h) - motion.position(t - h)) / (2 * h)
     np.testing.assert_allclose(motion.velocity(t), slope, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("times", "points"),
-    [([0.0], [[1.0]]), ([0.0, 0.0], [[1.0], [2.0]]), ([0.5, 1.0], [[1.0], [2.0]])],
-)
-def test_bad_way_points_are_refused(
-    times: list[float], points: list[list[float]]
-) -> None:
-    with pytest.raises(InputError, match="way points|times"):
-        way_points(np.array(times), np.array(points))
 
 
 # Criteria by hand, and effects that can and cannot be separated.
@@ -272,14 +247,10 @@ MATRIX = np.array([[[3.0, 0.0]], [[0.0, 0.5]], [[4.0, 0.5]]])
 def test_d_and_e_by_hand() -> None:
     """W^T W / 3 with columns over (5, 1): [[25, 2], [2, 0.5]] / 3 scaled: determinant (0.5 - 0.16) / 9."""
     reference = np.array([5.0, 1.0])
-    gram = np.array([[1.0, 0.4], [0.4, 0.5]]) / 3
-    values = np.linalg.eigvalsh(gram)
-    assert CRITERIA["d"].evaluate(MATRIX, reference) == pytest.approx(
-        -0.25 * np.log((0.5 - 0.16) / 9)
-    )
-    assert CRITERIA["e"].evaluate(MATRIX, reference) == pytest.approx(
-        -0.5 * np.log(values[0])
-    )
+    least = np.linalg.eigvalsh(np.array([[1.0, 0.4], [0.4, 0.5]]) / 3)[0]
+    expected = {"d": -0.25 * np.log((0.5 - 0.16) / 9), "e": -0.5 * np.log(least)}
+    for name, value in expected.items():
+        assert CRITERIA[name].evaluate(MATRIX, reference) == pytest.approx(value)
 
 
 def to_and_fro(amplitude: float, n: int = 400) -> Motion:
@@ -292,25 +263,15 @@ def test_an_effect_is_as_far_from_its_likeness_as_the_load_varies(
     arm: NominalArm, body: RigidBody
 ) -> None:
     """Load friction is Coulomb friction under constant load: telling them apart takes a load that changes."""
-    separate = separator_of(arm, body, ("coulomb_friction", "load_friction"))
-    model = ExcitationModel(arm, body)
-    small, large = (
-        separate(m, model.matrix(m)) for m in (to_and_fro(0.01), to_and_fro(1.0))
-    )
+    separate, model = separator_of(arm, body, PAIR), ExcitationModel(arm, body)
+    motions = [to_and_fro(0.01), to_and_fro(1.0)]
+    small, large = (separate(m, model.matrix(m)) for m in motions)
     assert 0 <= small.least < large.least <= 1
-    pair = ("coulomb_friction", "load_friction")
-    assert small.angle[pair] < large.angle[pair] <= np.pi / 2
-
-
-def test_an_effect_that_base_parameters_explain_shows_nothing_of_its_own(
-    arm: NominalArm, body: RigidBody
-) -> None:
-    motion, model = to_and_fro(1.0), ExcitationModel(arm, body)
-    found = separator_of(arm, body, ("payload", "coulomb_friction"))(
-        motion, model.matrix(motion)
-    )
-    assert found.least < 1e-6
-    assert found.angle[("payload", "coulomb_friction")] == 0.0
+    assert small.angle[PAIR] < large.angle[PAIR] <= np.pi / 2
+    # what base parameters explain shows nothing of its own
+    other = ("payload", "coulomb_friction")
+    found = separator_of(arm, body, other)(motions[1], model.matrix(motions[1]))
+    assert found.least < 1e-6 and found.angle[other] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -326,7 +287,6 @@ def test_effects_that_cannot_be_compared_are_refused(
 # Trajectories that determine no parameter: the limit that keeps them small, a warning, and a refusal.
 
 
-Candidate = Callable[..., tuple[TrajectorySearch, np.ndarray, float]]
 TINY = {
     "acceleration": {"acceleration": np.full(3, 1e-3)},
     "velocity": {"velocity": np.full(3, 1e-3)},
@@ -335,44 +295,30 @@ TINY = {
 """Limits that keep a motion of the arm small, each alone."""
 
 
-@pytest.fixture
-def candidate(arm: NominalArm, body: RigidBody, limits: Limits) -> Candidate:
-    """A search within changed limits, a random candidate of it, and its condition number."""
-
-    def made(**changed: np.ndarray) -> tuple[TrajectorySearch, np.ndarray, float]:
-        within = limits._replace(**changed)
-        space = Parametrisation(KINDS["fourier"](3, 10.0, 3, 0.1), within)
-        model = ExcitationModel(arm, body, ("rotor", "damping"))
-        checker = Checker(arm, body, Allowed(within, np.full(3, 40.0), 0.0, 0.0), None)
-        search = TrajectorySearch(
-            space, model, CRITERIA["condition"], checker, Budget(10)
-        )
-        x, t = space.draw(np.random.default_rng(0)), np.linspace(0, 10.0, SAMPLES)
-        return (
-            search,
-            x,
-            condition_number(model.matrix(space.motion(x, t, space.family.basis(t)))),
-        )
-
-    return made
+def candidate(search: TrajectorySearch) -> tuple[np.ndarray, float]:
+    """A random candidate of a search, and its condition number."""
+    made, t = search.parametrisation, np.linspace(0, 10.0, SAMPLES)
+    x = made.draw(np.random.default_rng(0))
+    motion = made.motion(x, t, made.family.basis(t))
+    return x, condition_number(search.model.matrix(motion))
 
 
 @pytest.mark.parametrize("name", TINY)
 def test_the_limit_that_keeps_a_motion_small_is_named(
-    name: str, candidate: Candidate
+    name: str, searching: Searching
 ) -> None:
-    search, x, condition = candidate(**TINY[name])
+    search = searching(**TINY[name])
+    x, condition = candidate(search)
     found = binding_limit(search, x, condition)
     assert found is not None and found[0] == name and found[1] < condition / 5
 
 
 def test_a_useless_trajectory_is_refused_with_the_option_that_helps(
-    candidate: Candidate,
+    searching: Searching,
 ) -> None:
-    search, x, condition = candidate(acceleration=np.full(3, 1e-5))
+    search = searching(acceleration=np.full(3, 1e-5))
+    x, condition = candidate(search)
     assert condition > 1e8
-    with pytest.raises(
-        InputError,
-        match="(?s)acceleration keeps it small.*remedy: raise --acceleration",
-    ):
+    message = "(?s)acceleration keeps it small.*remedy: raise --acceleration"
+    with pytest.raises(InputError, match=message):
         check_condition(search, x, condition)

@@ -31,7 +31,8 @@ from gapscope.ident.excitation.design import (
 from gapscope.ident.excitation.trajectory_search import Allowed, Budget, Checker
 from gapscope.reports.trajectory import write_trajectory
 
-UP, DOWN = np.zeros(3), np.array([0.3, np.pi / 2 + 0.2, 0.0])
+Change = Callable[[Motion], Motion]
+DOWN = np.array([0.3, np.pi / 2 + 0.2, 0.0])
 
 
 def test_distance_to_the_surface_by_hand(arm: NominalArm, body: RigidBody) -> None:
@@ -66,20 +67,20 @@ def test_arm_without_shapes_and_mass_is_refused_with_a_remedy(tmp_path: Path) ->
         CollisionModel(arm, RigidBody(arm))
 
 
+BOX = (
+    '<inertial><origin xyz="0 0 1"/><mass value="12"/>'
+    '<inertia ixx="0.52" iyy="0.40" izz="0.20" ixy="0" ixz="0" iyz="0"/></inertial>'
+    '<collision><geometry><mesh filename="package://lost/b.stl"/></geometry></collision>'
+)
+
+
 def test_box_of_an_inertia_by_hand(tmp_path: Path) -> None:
     """A box of 0.2 x 0.4 x 0.6 m and 12 kg has moments of 0.52, 0.40 and 0.20 kg m^2; its corner is 0.3 m below 1 m."""
     path = tmp_path / "bare.urdf"
-    path.write_text(
-        BARE.format(
-            '<inertial><origin xyz="0 0 1"/><mass value="12"/>'
-            '<inertia ixx="0.52" iyy="0.40" izz="0.20" ixy="0" ixz="0" iyz="0"/></inertial>'
-            '<collision><geometry><mesh filename="package://lost/b.stl"/></geometry></collision>'
-        )
-    )
+    path.write_text(BARE.format(BOX))
     arm = load_nominal_arm(path)
-    assert box_edges(12.0, np.array([0.52, 0.40, 0.20])) == pytest.approx(
-        [0.2, 0.4, 0.6]
-    )
+    edges = box_edges(12.0, np.array([0.52, 0.40, 0.20]))
+    assert edges == pytest.approx([0.2, 0.4, 0.6])
     with pytest.warns(ModelWarning, match="package://lost/b.stl: .*boxes"):
         model = CollisionModel(arm, RigidBody(arm))
     distance, pair = model.distance(np.array([[0.5]]))
@@ -123,48 +124,38 @@ def test_margins_say_how_far_when_and_which(
 ) -> None:
     t = np.array([0.0, 0.5, 1.0])
     q = np.array([[0.1, 0.5, 0.4], [0.3, 1.4, 0.4], [0.1, 0.5, 0.4]])
-    still = np.zeros_like(q)
-    torque = body.inverse_dynamics(q, still, still)
-    margins = {
-        m.name: m
-        for m in checker(arm, body, limits).margins(Motion(t, q, still, still), torque)
+    motion = Motion(t, q, 0 * q, 0 * q)
+    torque = body.inverse_dynamics(q, 0 * q, 0 * q)
+    found = checker(arm, body, limits).margins(motion, torque)
+    margins = {margin.name: margin.margin for margin in found}
+    expected = {
+        "position": [1.7, 0.1, 1.6],
+        "velocity": limits.velocity,
+        "jerk": limits.acceleration / 0.02,
+        "torque": 40.0 - np.abs(torque).max(axis=0),
     }
-    np.testing.assert_allclose(margins["position"].margin, [1.7, 0.1, 1.6])
-    assert margins["position"].at == 0.5
-    np.testing.assert_allclose(margins["velocity"].margin, limits.velocity)
-    np.testing.assert_allclose(margins["jerk"].margin, limits.acceleration / 0.02)
-    np.testing.assert_allclose(
-        margins["torque"].margin, 40.0 - np.abs(torque).max(axis=0)
-    )
-    assert set(margins) == {
-        "position",
-        "velocity",
-        "acceleration",
-        "jerk",
-        "torque",
-        "singular value",
-        "distance",
-    }
+    for name, margin in expected.items():
+        np.testing.assert_allclose(margins[name], margin)
+    assert next(m for m in found if m.name == "position").at == 0.5
+    others = {"acceleration", "singular value", "distance"}
+    assert set(margins) == expected.keys() | others
 
 
-@pytest.mark.parametrize(
-    ("changed", "word"),
-    [
-        ({"torque": np.full(3, 0.1)}, "gravity"),
-        ({"singular": 9.0}, "singular"),
-        ({"clearance": 3.0}, "m between bodies"),
-    ],
-)
+NO_POSTURE = {
+    "gravity": {"torque": np.full(3, 0.1)},
+    "singular": {"singular": 9.0},
+    "m between bodies": {"clearance": 3.0},
+}
+
+
+@pytest.mark.parametrize("word", NO_POSTURE)
 def test_limits_that_allow_no_posture_are_named(
-    arm: NominalArm,
-    body: RigidBody,
-    limits: Limits,
-    changed: dict[str, object],
-    word: str,
+    word: str, arm: NominalArm, body: RigidBody, limits: Limits
 ) -> None:
     postures = np.random.default_rng(0).uniform(limits.lower, limits.upper, (50, 3))
+    made = checker(arm, body, limits, **NO_POSTURE[word])
     with pytest.raises(InputError, match=f"allow no trajectory.*{word}"):
-        checker(arm, body, limits, **changed).check_static(postures)
+        made.check_static(postures)
 
 
 def test_a_surface_above_the_whole_arm_is_refused(
@@ -176,25 +167,24 @@ def test_a_surface_above_the_whole_arm_is_refused(
         LimitPlan(surface=float("nan")).allowed(arm, body)
 
 
-def test_limits_without_room_are_refused(arm: NominalArm, body: RigidBody) -> None:
-    for bad in (
-        LimitPlan(velocity=0.0),
-        LimitPlan(acceleration=-1.0),
-        LimitPlan(margin=2.6),
-        LimitPlan(torque=0.0),
-    ):
-        with pytest.raises(InputError):
-            bad.allowed(arm, body)
+ROOMLESS = ({"velocity": 0.0}, {"acceleration": -1.0}, {"margin": 2.6}, {"torque": 0.0})
+
+
+@pytest.mark.parametrize("bad", ROOMLESS, ids=str)
+def test_limits_without_room_are_refused(
+    bad: dict[str, float], arm: NominalArm, body: RigidBody
+) -> None:
+    with pytest.raises(InputError):
+        LimitPlan(**bad).allowed(arm, body)
 
 
 def test_torque_limits_come_from_the_data_sheet_first(
     arm: NominalArm, body: RigidBody
 ) -> None:
-    np.testing.assert_allclose(LimitPlan(torque=0.5).allowed(arm, body).torque, 30.0)
     sheet = replace(arm, torque_limit=np.array([10.0, 20.0, 30.0]))
-    np.testing.assert_allclose(
-        LimitPlan(torque=0.5).allowed(sheet, body).torque, [5.0, 10.0, 15.0]
-    )
+    for known, torque in ((arm, [30.0] * 3), (sheet, [5.0, 10.0, 15.0])):
+        allowed = LimitPlan(torque=0.5).allowed(known, body)
+        np.testing.assert_allclose(allowed.torque, torque)
 
 
 @pytest.mark.parametrize(
@@ -291,17 +281,12 @@ def _into_the_floor(motion: Motion) -> Motion:
     ],
 )
 def test_what_breaks_a_limit_is_not_written(
-    changed: Callable[[Motion], Motion],
-    words: str,
-    found: Excitation,
-    arm: NominalArm,
-    tmp_path: Path,
+    changed: Change, words: str, found: Excitation, arm: NominalArm, tmp_path: Path
 ) -> None:
     spoilt = replace(found, motion=changed(found.motion))
     with pytest.raises(GapscopeError, match=words) as refused:
         write_trajectory(spoilt, arm, PLAN, tmp_path / "x.csv")
-    assert refused.value.remedy
-    assert not list(tmp_path.iterdir())
+    assert refused.value.remedy and not list(tmp_path.iterdir())
 
 
 def test_a_breach_between_the_samples_is_found(

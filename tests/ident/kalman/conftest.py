@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from arms import iiwa_of_three
+from cases import swinging
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.model.regressor import Regressor
@@ -24,22 +23,14 @@ def arm():
 @pytest.fixture(scope="session")
 def world(arm):
     """Arm, regressor and recorder."""
-    regressor = Regressor(arm)
     controller = position_controller(arm, CENTRE)
+    limits = {"speed": 1.3, "acceleration": 6.0, "frequency": 0.2}
+    noise = {"encoder_step": 0.0, "encoder_noise": 2e-5, "torque_noise": 0.1}
 
     def recorded(seed, effects=(), duration=8.0):
         rng = np.random.default_rng(seed)
-        limits = urdf_limits(RigidBody(arm), 6.0)._replace(velocity=np.full(3, 1.3))
-        motion = Fourier.random(
-            rng, limits, duration=duration, centre=CENTRE, frequency=0.2
-        )
-        return record(
-            *(arm, effects, motion, controller),
-            duration=duration,
-            rng=rng,
-            encoder_step=0.0,
-            encoder_noise=2e-5,
-            torque_noise=0.1,
-        )
+        motion = swinging(arm, rng, CENTRE, duration=duration, **limits)
+        known = (arm, effects, motion, controller)
+        return record(*known, duration=duration, rng=rng, **noise)
 
-    return SimpleNamespace(arm=arm, regressor=regressor, recorded=recorded)
+    return SimpleNamespace(arm=arm, regressor=Regressor(arm), recorded=recorded)

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from cases import changed_during
+from scipy.signal import lfilter
 
-from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import check_document, plain
 from gapscope.arm.known_load import KnownLoad
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.identification import (
-    Identification,
     identify,
 )
 from gapscope.ident.identification_json import document
@@ -28,30 +28,29 @@ def of(track: Track, name: str) -> tuple[np.ndarray, np.ndarray]:
     return track.value[:, place], track.deviation[:, place]
 
 
+SAMPLES = 1000
+
+
+def made(
+    seed: int, beta: np.ndarray | None = None, correlation: float = 0.0
+) -> Problem:
+    """Two joints over 20 s, noise of 0.1 and 0.3 N m; beta of shape (N, 4), or the truth throughout."""
+    rng = np.random.default_rng(seed)
+    W = rng.standard_normal((SAMPLES, 2, 4))
+    noise = rng.standard_normal((SAMPLES, 2)) * [0.1, 0.3]
+    noise = lfilter([1.0], [1.0, -correlation], noise, axis=0)
+    W[:, :, 0] = np.cumsum(W[:, :, 0], axis=0) / np.sqrt(SAMPLES)
+    beta = np.tile(TRUTH, (SAMPLES, 1)) if beta is None else beta
+    torque = np.einsum("kja,ka->kj", W, beta) + noise
+    group, interval = np.arange(SAMPLES) * 2 // SAMPLES, np.full(SAMPLES, 0.02)
+    return Problem(W, torque, NAMES, group, interval)
+
+
 # A filter over stretches: least squares without drift, friction that wanders, honest bands, jumps.
 
 
 TRUTH = np.array([2.0, -1.0, 0.5, 3.0])
 NAMES = ("m1", "mx1", "b1", "c1")
-
-
-def made(
-    seed: int,
-    beta: np.ndarray = TRUTH,
-    correlation: float = 0.0,
-    samples: int = 1000,
-) -> Problem:
-    """Two joints over 20 s, noise of 0.1 and 0.3 N m; beta of shape (4,) or (N, 4)."""
-    rng = np.random.default_rng(seed)
-    W = rng.standard_normal((samples, 2, 4))
-    noise = rng.standard_normal((samples, 2)) * [0.1, 0.3]
-    for k in range(1, samples):
-        noise[k] += correlation * noise[k - 1]
-    W[:, :, 0] = np.cumsum(W[:, :, 0], axis=0) / np.sqrt(samples)
-    beta = np.broadcast_to(beta, (samples, 4))
-    torque = np.einsum("kja,ka->kj", W, beta) + noise
-    group = np.arange(samples) * 2 // samples
-    return Problem(W, torque, NAMES, group, np.full(samples, 0.02))
 
 
 def test_last_estimate_without_drift_is_that_of_weighted_least_squares() -> None:
@@ -60,12 +59,10 @@ def test_last_estimate_without_drift_is_that_of_weighted_least_squares() -> None
     assert found.level == 0.0
     sigma = found.noise * np.sqrt(found.inflation)
     W = (problem.matrix / sigma[:, None]).reshape(-1, 4)
-    tau = (problem.torque / sigma).ravel()
-    expected = np.linalg.lstsq(W, tau, rcond=None)[0]
+    expected = np.linalg.lstsq(W, (problem.torque / sigma).ravel(), rcond=None)[0]
     deviation = np.sqrt(np.diag(np.linalg.inv(W.T @ W)))
-    np.testing.assert_allclose(
-        found.track.value[-1], expected, atol=0.01 * deviation.min()
-    )
+    error = np.abs(found.track.value[-1] - expected)
+    assert error.max() < 0.01 * deviation.min()
     np.testing.assert_allclose(found.track.deviation[-1], deviation, rtol=0.01)
 
 
@@ -78,34 +75,28 @@ def test_intervals_hold_the_truth_under_coloured_noise() -> None:
 
 
 def test_friction_that_warms_up_is_followed_and_masses_stay() -> None:
-    count = 1000
-    fading = np.exp(-np.arange(count) / 400)
-    beta = np.tile(TRUTH, (count, 1))
-    beta[:, 3] *= 1 + fading
+    beta = np.tile(TRUTH, (SAMPLES, 1))
+    beta[:, 3] *= 1 + np.exp(-np.arange(SAMPLES) / 400)
     found = follow(made(1, beta))
     assert found.level > 0
     ends = [rows.stop - 1 for rows in found.rows]
     value, deviation = of(found.track, "c1")
     late = len(ends) // 4
     error = np.abs(value - beta[ends, 3])[late:]
-    assert np.mean(error < 3 * deviation[late:]) > 0.8
-    assert error.max() < 0.15
+    assert np.mean(error < 3 * deviation[late:]) > 0.8 and error.max() < 0.15
     mass, _ = of(found.track, "m1")
     assert abs(mass[-1] - TRUTH[0]) < 0.1
 
 
 def test_an_opening_lets_the_estimate_jump() -> None:
-    count, moment = 1000, 600
-    beta = np.tile(TRUTH, (count, 1))
+    beta, moment = np.tile(TRUTH, (SAMPLES, 1)), 600
     beta[moment:, 0] += 1.5
     problem = made(3, beta)
-    covariance = np.diag([4.0, 0.0, 0.0, 0.0])
-    opened = follow(problem, [(moment, covariance)])
+    opened = follow(problem, [(moment, np.diag([4.0, 0.0, 0.0, 0.0]))])
     mass, deviation = of(opened.track, "m1")
-    ends = np.array([rows.stop for rows in opened.rows])
-    before, after = mass[ends <= moment][-1], mass[-1]
-    assert abs(before - TRUTH[0]) < 4 * deviation[ends <= moment][-1]
-    assert abs(after - TRUTH[0] - 1.5) < 4 * deviation[-1]
+    early = np.array([rows.stop for rows in opened.rows]) <= moment
+    assert abs(mass[early][-1] - TRUTH[0]) < 4 * deviation[early][-1]
+    assert abs(mass[-1] - TRUTH[0] - 1.5) < 4 * deviation[-1]
     # a filter that is not told stays off
     unaware, _ = of(follow(problem).track, "m1")
     assert abs(unaware[-1] - TRUTH[0] - 1.5) > 0.1
@@ -116,30 +107,29 @@ def test_an_opening_lets_the_estimate_jump() -> None:
 
 def test_friction_moves_to_that_of_the_recording(world) -> None:
     more = AppliedEffect("viscous_friction", (2,), {"coefficient": [1.2]})
-    recording = world.recorded(3, effects=(more,), duration=4.0)
-    nominal = dict(
-        zip(world.regressor.names, world.regressor.nominal().tolist(), strict=True)
-    )
+    recording, known = world.recorded(3, effects=(more,), duration=4.0), world.regressor
+    nominal = dict(zip(known.names, known.nominal().tolist(), strict=True))
     found = follow_states(world.arm, recording, nominal, np.full(3, 0.1))
     assert found.friction.names == ("b1", "b2", "b3", "c1", "c2", "c3")
     assert abs(of(found.friction, "b2")[0][-1] - 5.2) < 0.5
     # velocity follows without differentiating
-    t = found.friction.t
+    late = found.friction.t > 0.5
     smooth = np.gradient(recording.q, recording.t, axis=0)
-    rows = np.searchsorted(recording.t, t[t > 0.5])
-    np.testing.assert_allclose(found.state[t > 0.5, 3:], smooth[rows], atol=0.05)
+    rows = np.searchsorted(recording.t, found.friction.t[late])
+    np.testing.assert_allclose(found.state[late, 3:], smooth[rows], atol=0.05)
 
 
 def test_what_it_cannot_follow_is_refused(world) -> None:
     recording = world.recorded(1, duration=2.5)
-    with pytest.raises(InputError, match="no torque"):
-        follow_states(world.arm, replace(recording, tau=None), {}, np.ones(3))
-    loaded = replace(recording, payload=KnownLoad(1.0))
-    with pytest.raises(InputError, match="known payload"):
-        follow_states(world.arm, loaded, {}, np.ones(3))
+    silent, loaded = replace(recording, tau=None), replace(recording, payload=KnownLoad(1.0))  # fmt: skip
     coupled = replace(world.arm, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 1, 1]]))
-    with pytest.raises(InputError, match="several joints"):
-        follow_states(coupled, recording, {}, np.ones(3))
+    for message, arm, one in (
+        ("no torque", world.arm, silent),
+        ("known payload", world.arm, loaded),
+        ("several joints", coupled, recording),
+    ):
+        with pytest.raises(InputError, match=message):
+            follow_states(arm, one, {}, np.ones(3))
 
 
 # A load picked up in the middle of a recording is told by ``identify``, and none is where there was none.
@@ -149,16 +139,12 @@ LOAD = AppliedEffect("payload", (), {"mass": 1.5, "com": [0.0, 0.02, 0.08]})
 MOMENT = 3.7
 
 
-@pytest.fixture(scope="module")
-def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+@pytest.mark.nightly
+def test_a_load_that_is_picked_up_is_told_with_moment_and_mass(tmp_path: Path) -> None:
+    """And none is where there was none."""
     later = {"recording_1": (MOMENT, (LOAD,))}
     names = [f"recording_{i}" for i in range(3)]
-    return changed_during("picked_up", tmp_path_factory.mktemp("case"), later, *names)
-
-
-@pytest.mark.nightly
-def test_a_load_that_is_picked_up_is_told_with_moment_and_mass(case: Case) -> None:
-    result = identify(case)
+    result = identify(changed_during("picked_up", tmp_path, later, *names))
     (found,) = result.changes
     assert found.recording == "recording_1" and found.term.is_load
     assert abs(found.time - MOMENT) < 0.1
@@ -170,17 +156,12 @@ def test_a_load_that_is_picked_up_is_told_with_moment_and_mass(case: Case) -> No
     assert change["what"] == "payload" and change["parameters"][0] == "mass"
     assert abs(change["size"][0] - 1.5) < 0.15
     # the filter is told, and follows the arm from one load to the other
-    (moved,) = result.filtered.moved
-    track, (before, after) = result.filtered.track, _sides(result, MOMENT)
-    plainest = int(np.abs(moved / track.deviation[before]).argmax())
-    change = track.value[after, plainest] - track.value[before, plainest]
-    assert change == pytest.approx(moved[plainest], rel=0.3)
-
-
-def _sides(result: Identification, moment: float) -> tuple[int, int]:
-    """The last stretch before a moment of the recording with the change, and the last of that recording."""
     review = result.filtered
+    (moved,) = review.moved
     own = np.array(review.recordings) == "recording_1"
-    return int(np.flatnonzero(own & (review.times < moment))[-1]), int(
-        np.flatnonzero(own)[-1]
-    )
+    before = int(np.flatnonzero(own & (review.times < MOMENT))[-1])
+    after = int(np.flatnonzero(own)[-1])
+    value, deviation = review.track.value, review.track.deviation
+    plainest = int(np.abs(moved / deviation[before]).argmax())
+    change = value[after, plainest] - value[before, plainest]
+    assert change == pytest.approx(moved[plainest], rel=0.3)

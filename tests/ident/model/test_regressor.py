@@ -60,18 +60,17 @@ def test_nominal_parameters_give_the_torque_of_the_nominal_arm(arm, motion):
 def test_column_of_a_quantity_is_the_derivative_of_the_predicted_torque(
     arm, motion, name
 ):
-    regressor = Regressor(arm)
-    Y, step, joints = regressor.matrix(motion), 1e-3, tuple(range(1, 8))
+    regressor, step = Regressor(arm), 1e-3
+    Y = regressor.matrix(motion)
     symbol = of_quantity(name)[0].parameters[0].symbol
     for joint in (1, 4, 7):
-        predicted = []
-        for sign in (-1, 1):
-            value = sign * step * (np.array(joints) == joint)
-            effect = drives_with(joints, **{name: value})
-            predicted.append(
-                CorrectedArm(arm, (effect,)).predict(regressor.body, motion)
-            )
-        slope = (predicted[1] - predicted[0]) / (2 * step)
+        values = step * (np.arange(1, 8) == joint)
+        effects = (
+            drives_with(tuple(range(1, 8)), **{name: s * values}) for s in (-1, 1)
+        )
+        arms = (CorrectedArm(arm, (effect,)) for effect in effects)
+        down, up = (x.predict(regressor.body, motion) for x in arms)
+        slope = (up - down) / (2 * step)
         column = Y[:, :, regressor.names.index(f"{symbol}{joint}")]
         assert np.abs(slope).max() > 0.1
         assert np.allclose(column, slope, rtol=0, atol=1e-8)
@@ -79,25 +78,15 @@ def test_column_of_a_quantity_is_the_derivative_of_the_predicted_torque(
 
 def test_joints_in_another_order_permute_rows_and_columns(arm, motion):
     order = np.array([3, 0, 6, 1, 5, 2, 4])
-    shuffled = NominalArm(arm.name, arm.urdf, tuple(arm.joints[i] for i in order))
     there = Motion(motion.t, *(x[:, order] for x in (motion.q, motion.dq, motion.ddq)))
-    Y = (
-        Regressor(NominalArm(arm.name, arm.urdf, arm.joints))
-        .matrix(motion)
-        .reshape(-1, 7, 98)
+    plain, shuffled = (
+        Regressor(NominalArm(arm.name, arm.urdf, tuple(arm.joints[i] for i in way)))
+        for way in (range(7), order)
     )
-    columns = np.concatenate(
-        [
-            (10 * order[:, None] + np.arange(10)).ravel(),
-            *(70 + 7 * k + order for k in range(4)),
-        ]
-    )
-    assert np.allclose(
-        Regressor(shuffled).matrix(there),
-        Y[:, order][:, :, columns],
-        rtol=0,
-        atol=1e-12,
-    )
+    bodies = (10 * order[:, None] + np.arange(10)).ravel()
+    columns = np.r_[bodies, (70 + 7 * np.arange(4)[:, None] + order).ravel()]
+    expected = plain.matrix(motion)[:, order][:, :, columns]
+    assert np.allclose(shuffled.matrix(there), expected, rtol=0, atol=1e-12)
 
 
 # The columns of the pipeline: friction with memory, coupled motors, and agreement with the catalogue's effects.
@@ -108,58 +97,43 @@ def random_motion(rng: np.random.Generator, n: int = 7, count: int = 40) -> Moti
     return Motion(np.arange(count) / 100, q, dq, ddq)
 
 
-class TestDrives:
-    def test_friction_of_a_coupled_motor_takes_power(self) -> None:
-        """The torque of motor friction times joint speeds is b times the motor's speed squared, on joint 3's side."""
-        rng = np.random.default_rng(1)
-        coupling = np.eye(7)
-        coupling[6, 5] = 0.5
-        columns = ModelColumns(
-            replace(tooled_panda(), coupling=coupling), body=panda_body()
-        )
-        assert columns.coupled == ("7m",)
-        motion, law = random_motion(rng), FrictionLaw()
-        place = columns.names(law).index("b7m")
-        power = (columns.matrix(motion, law)[:, :, place] * motion.dq).sum(axis=1)
-        np.testing.assert_allclose(
-            power, (motion.dq[:, 6] + 0.5 * motion.dq[:, 5]) ** 2, atol=1e-12
-        )
+def test_friction_of_a_coupled_motor_takes_power() -> None:
+    """The torque of motor friction times joint speeds is b times the motor's speed squared, on joint 3's side."""
+    coupling = np.eye(7)
+    coupling[6, 5] = 0.5
+    arm = replace(tooled_panda(), coupling=coupling)
+    columns = ModelColumns(arm, body=panda_body())
+    assert columns.coupled == ("7m",)
+    motion, law = random_motion(np.random.default_rng(1)), FrictionLaw()
+    place = columns.names(law).index("b7m")
+    power = (columns.matrix(motion, law)[:, :, place] * motion.dq).sum(axis=1)
+    speed = motion.dq[:, 6] + 0.5 * motion.dq[:, 5]
+    np.testing.assert_allclose(power, speed**2, atol=1e-12)
 
 
 def test_columns_give_the_torque_of_the_corrected_arm() -> None:
     """Randomised: nominal arm with offsets, Stribeck and saturating friction by the catalogue, and by the columns."""
-    rng = np.random.default_rng(2)
+    rng, joints = np.random.default_rng(2), tuple(range(1, 8))
     speeds = rng.uniform(0.1, 1.0, 7)
     law = FrictionLaw(stribeck_speed=0.3, saturation_speeds=tuple(speeds.tolist()))
     motion = random_motion(rng)
     columns = ModelColumns(tooled_panda(), panda_body())
-    joints = tuple(range(1, 7 + 1))
     offset = rng.uniform(-1, 1, 7)
     drop, level = rng.uniform(0, 1, (2, 7))
+    stribeck = {"torque": drop, "velocity": np.full(7, 0.3)}
+    saturating = {"torque": level, "velocity": speeds}
     effects = (
         AppliedEffect("torque_offset", joints, {"torque": offset}),
-        AppliedEffect(
-            "stribeck_friction",
-            joints,
-            {"torque": drop, "velocity": np.full(7, 0.3)},
-        ),
-        AppliedEffect(
-            "saturating_friction", joints, {"torque": level, "velocity": speeds}
-        ),
+        AppliedEffect("stribeck_friction", joints, stribeck),
+        AppliedEffect("saturating_friction", joints, saturating),
     )
-    x = columns.nominal(law)
-    names = columns.names(law)
-    for j in range(7):
-        for symbol, values in (("o", offset), ("d", drop), ("s", level)):
-            x[names.index(f"{symbol}{j + 1}")] = values[j]
+    x, names = columns.nominal(law), columns.names(law)
+    for symbol, values in (("o", offset), ("d", drop), ("s", level)):
+        x[[names.index(f"{symbol}{j}") for j in joints]] = values
     expected = CorrectedArm(tooled_panda(), effects).predict(panda_body(), motion)
     np.testing.assert_allclose(columns.matrix(motion, law) @ x, expected, atol=1e-8)
-    assert (
-        len(names)
-        == len(set(names))
-        == len(columns.units(law))
-        == len(columns.scale(law))
-    )
+    assert len(set(names)) == len(names)
+    assert len(names) == len(columns.units(law)) == len(columns.scale(law))
 
 
 # The pull to the nominal arm: as strong as predicts best.

@@ -39,70 +39,50 @@ def test_it_learns_what_no_effect_explains_on_an_unseen_trajectory(form: str) ->
 def test_output_is_orthogonal_to_the_physics_and_no_parameter_moves(form: str) -> None:
     residual, report = toy.trained(form)
     xs = [toy.trajectory(k) for k in range(3)]
-    said = (
-        np.concatenate([residual.torque(x.motion, x.load)[x.rows] for x in xs])
-        / residual.scale
-    )
+    said = np.concatenate([residual.torque(x.motion, x.load)[x.rows] for x in xs])
     columns = np.concatenate([x.columns for x in xs]) / residual.scale[None, :, None]
-    moved = np.linalg.lstsq(
-        columns.reshape(-1, columns.shape[2]), said.ravel(), rcond=None
-    )[0]
+    matrix = columns.reshape(-1, columns.shape[2])
+    moved = np.linalg.lstsq(matrix, (said / residual.scale).ravel(), rcond=None)[0]
     assert np.abs(moved).max() < 1e-6
-    assert (
-        report.in_target > 0.05
-    )  # friction was in the gap, and was taken out of the target
+    # friction was in the gap, and was taken out of the target
+    assert report.in_target > 0.05
     assert report.in_output[1] < 1e-12 <= report.in_output[0]
     assert report.moves[1].max() < 1e-6
 
 
 def test_same_seed_same_bits_and_another_seed_another_network() -> None:
-    xs = [toy.trajectory(k) for k in range(3)]
-    runs = [
-        fit_residual(xs, ResidualSettings("mlp", members=3, steps=80, seed=seed))[0]
-        for seed in (3, 3, 4)
-    ]
-    first, second, other = (
-        [*r.networks[0].weights, *r.networks[0].biases] for r in runs
-    )
-    assert all(a.tobytes() == b.tobytes() for a, b in zip(first, second, strict=True))
-    assert any(a.tobytes() != b.tobytes() for a, b in zip(first, other, strict=True))
+    xs, runs = [toy.trajectory(k) for k in range(3)], []
+    for seed in (3, 3, 4):
+        settings = ResidualSettings("mlp", members=3, steps=80, seed=seed)
+        (network,) = fit_residual(xs, settings)[0].networks
+        runs.append([x.tobytes() for x in (*network.weights, *network.biases)])
+    assert runs[0] == runs[1] != runs[2]
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_it_says_nothing_outside_what_it_has_seen(form: str) -> None:
     residual, _ = toy.trained(form)
     m = toy.motion(7)
-    far = residual.predict(
-        Motion(m.t, m.q, 8.0 * m.dq + 20.0, 60.0 * m.ddq), 5.0 * np.cos(m.q)
-    )
+    load, wild = 5.0 * np.cos(m.q), replace(m, dq=8.0 * m.dq + 20.0, ddq=60.0 * m.ddq)
+    far, near = residual.predict(wild, load), residual.predict(m, load)
     assert not far.torque.any() and not far.trust.any()
-    near = residual.predict(m, 5.0 * np.cos(m.q))
-    assert near.trust.mean() > 0.8
-    assert (near.std > 0).all()
+    assert near.trust.mean() > 0.8 and (near.std > 0).all()
 
 
 def test_torque_is_bounded_by_the_training_residual() -> None:
     residual, _ = toy.trained()
-    largest = np.max(
-        [np.abs(toy.trajectory(k).residual).max(axis=0) for k in range(3)], axis=0
-    )
-    rng = np.random.default_rng(0)
-    windows = 5.0 * rng.standard_normal(
-        (toy.N, 4000, residual.inputs.taps, residual.inputs.channels)
-    )
-    loud = replace(
-        residual,
-        trust=residual.trust._replace(radius=1e6 * np.ones(toy.N)),
-        scale=100.0 * residual.scale,
-    )
+    largest = np.max([np.abs(toy.trajectory(k).residual) for k in range(3)], (0, 1))
+    rng, inputs = np.random.default_rng(0), residual.inputs
+    windows = 5.0 * rng.standard_normal((toy.N, 4000, inputs.taps, inputs.channels))
+    trusting = residual.trust._replace(radius=1e6 * np.ones(toy.N))
+    loud = replace(residual, trust=trusting, scale=100.0 * residual.scale)
     torque = np.abs(loud.of_windows(windows).torque)
     assert (torque <= 1.5 * largest).all() and torque[:, 0].max() > 0.5 * largest[0]
 
 
 def test_a_single_trajectory_is_cut_into_blocks() -> None:
-    residual, report = fit_residual(
-        [toy.trajectory(0)], ResidualSettings("mlp", members=4, steps=80)
-    )
+    settings = ResidualSettings("mlp", members=4, steps=80)
+    residual, report = fit_residual([toy.trajectory(0)], settings)
     assert residual.networks[0].members == 4 and np.isfinite(report.closed).all()
     # both ways to keep apart were tried
     assert set(report.closed_apart) == {"all", "effects"}
@@ -129,35 +109,30 @@ def test_settings_that_make_no_sense_are_refused(given: dict, message: str) -> N
 @pytest.mark.parametrize("form", ["mlp", "tcn"])
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_numpy_equals_torch(form: str, n: int) -> None:
-    settings = ResidualSettings(form=form, members=3, hidden=8)
-    c = Layout(n).channels
+    settings, c = ResidualSettings(form=form, members=3, hidden=8), Layout(n).channels
     inputs = Inputs(n, settings.taps, 0.02, np.zeros((n, c)), np.ones((n, c)))
     ensemble = Ensemble(settings, inputs, torch.Generator().manual_seed(1)).double()
-    windows = np.random.default_rng(2).standard_normal(
-        (n, 9, inputs.taps, inputs.channels)
-    )
+    shape = (n, 9, inputs.taps, inputs.channels)
+    windows = np.random.default_rng(2).standard_normal(shape)
     with torch.no_grad():
         expected = ensemble(torch.as_tensor(windows))
     for found, wanted in zip(ensemble.arrays().outputs(windows), expected, strict=True):
         np.testing.assert_allclose(found, wanted.numpy(), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("form", ["additive", "mlp", "tcn"])
+@pytest.mark.parametrize("form", FORMS)
 def test_it_is_causal_and_samples_one_by_one_say_the_same(form: str) -> None:
     residual, _ = toy.trained(form)
     m = toy.motion(9)
-    windows = residual.inputs.windows(m, 5.0 * np.cos(m.q))
-    one = residual.of_windows(windows[:, 500:501]).torque[0]
-    np.testing.assert_allclose(
-        one, residual.torque(m, 5.0 * np.cos(m.q))[500], rtol=1e-9
-    )
-    early = type(m)(m.t[:501], m.q[:501], m.dq[:501], m.ddq[:501])
-    np.testing.assert_allclose(
-        residual.torque(early, 5.0 * np.cos(early.q))[500], one, rtol=1e-6
-    )
+    load = 5.0 * np.cos(m.q)
+    one = residual.of_windows(residual.inputs.windows(m, load)[:, 500:501]).torque[0]
+    np.testing.assert_allclose(one, residual.torque(m, load)[500], rtol=1e-9)
+    early = Motion(*(x[:501] for x in (m.t, m.q, m.dq, m.ddq)))
+    found = residual.torque(early, load[:501])[500]
+    np.testing.assert_allclose(found, one, rtol=1e-6)
 
 
-@pytest.mark.parametrize("form", ["additive", "mlp", "tcn"])
+@pytest.mark.parametrize("form", FORMS)
 def test_the_onnx_model_says_the_same(form: str, tmp_path) -> None:
     onnx = pytest.importorskip("onnx")
     from onnx.reference import ReferenceEvaluator

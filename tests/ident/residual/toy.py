@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from cases import sines
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.ident.residual.fit import (
@@ -18,22 +19,12 @@ RATE, DURATION, N = 100.0, 12.0, 2
 
 def motion(seed: int, *, speed: float = 1.0) -> Motion:
     """A sum of sines on each joint."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(int(RATE * DURATION)) / RATE
-    q, dq, ddq = (np.zeros((len(t), N)) for _ in range(3))
+    rng, t = np.random.default_rng(seed), np.arange(int(RATE * DURATION)) / RATE
+    parts = []
     for _ in range(3):
-        w, a, p = (
-            speed * rng.uniform(0.8, 3.0, N),
-            rng.uniform(0.2, 0.5, N),
-            rng.uniform(0.0, 6.0, N),
-        )
-        angle = w * t[:, None] + p
-        q, dq, ddq = (
-            q + a * np.sin(angle),
-            dq + a * w * np.cos(angle),
-            ddq - a * w**2 * np.sin(angle),
-        )
-    return Motion(t, q, dq, ddq)
+        w, size = speed * rng.uniform(0.8, 3.0, N), rng.uniform(0.2, 0.5, N)
+        parts.append(sines(t, size, w, rng.uniform(0.0, 6.0, N)))
+    return Motion(t, *(sum(getattr(p, x) for p in parts) for x in ("q", "dq", "ddq")))
 
 
 def unknown(m: Motion) -> np.ndarray:

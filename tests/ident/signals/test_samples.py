@@ -103,6 +103,3 @@ def test_torque_at_its_limit_does_not_count() -> None:
     # what is left is no nearer to the limit than the filters reach
     error = np.abs(samples.torque - whole.torque)[~out]
     assert error.max() < 0.02 * np.abs(whole.torque[:, 1]).max()
-
-
-# What is said of recordings that hold little information.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,20 +28,23 @@ BETA = np.array([2.0, -1.0, 0.5, 3.0])
 INTERVAL, SAMPLES, GROUPS = 0.02, 2000, 4
 
 
+def low(
+    rng: np.random.Generator, count: int, cutoff: float, samples: int
+) -> np.ndarray:
+    """White noise through a low-pass [Hz], of unit variance, shape (N, count)."""
+    white = rng.standard_normal((samples + 400, count))
+    series = low_pass(white, 1 / INTERVAL, cutoff)[200:-200]
+    return series / series.std(axis=0)
+
+
 def motion_columns(rng: np.random.Generator, samples: int = SAMPLES) -> np.ndarray:
     """Columns as slow as a motion, below 1 Hz; shape (N, 2, 4)."""
-    slow = low_pass(rng.standard_normal((samples + 400, 8)), 1 / INTERVAL, 1.0)[
-        200:-200
-    ]
-    return (slow / slow.std(axis=0)).reshape(samples, 2, 4)
+    return low(rng, 8, 1.0, samples).reshape(samples, 2, 4)
 
 
 def filtered(rng: np.random.Generator, samples: int = SAMPLES) -> np.ndarray:
-    """White noise through a low-pass of 5 Hz, shape (N, 2)."""
-    noise = low_pass(rng.standard_normal((samples + 400, 2)), 1 / INTERVAL, 5.0)[
-        200:-200
-    ]
-    return noise / noise.std(axis=0)
+    """Noise below 5 Hz, shape (N, 2)."""
+    return low(rng, 2, 5.0, samples)
 
 
 def every(W: np.ndarray) -> np.ndarray:
@@ -49,13 +53,17 @@ def every(W: np.ndarray) -> np.ndarray:
 
 
 def recorded(
-    rng: np.random.Generator,
-    W: np.ndarray,
-    noise: np.ndarray,
-    extra: np.ndarray | float = 0.0,
+    rng: np.random.Generator, W: np.ndarray, noise: np.ndarray, extra: Any = 0.0
 ) -> Problem:
     group = np.arange(len(W)) * GROUPS // len(W)
     return Problem(W, W @ BETA + noise + extra, ("a", "b", "c", "d"), group, every(W))
+
+
+def least_squares(given: Problem) -> tuple[Any, Any]:
+    """The estimate, and the interval of the torque that it predicts."""
+    estimate = ordinary_least_squares(given)
+    blocks = block_jackknife(given, estimate.value)
+    return estimate, torque_interval(given, ordinary_least_squares, blocks, cutoff=5.0)
 
 
 def autoregressive(rng: np.random.Generator, rho: float) -> np.ndarray:
@@ -65,79 +73,52 @@ def autoregressive(rng: np.random.Generator, rho: float) -> np.ndarray:
     return np.asarray(series) * np.sqrt(1 - rho**2)
 
 
-@pytest.mark.parametrize(
-    "estimator",
-    daily(("wls", "maximum_likelihood"), "wls"),
-)
-def test_intervals_of_identify_hold_the_truth_under_coloured_noise(
-    estimator: str,
-) -> None:
+@pytest.mark.parametrize("name", daily(("wls", "maximum_likelihood"), "wls"))
+def test_intervals_of_identify_hold_the_truth_under_coloured_noise(name: str) -> None:
     """AR(1) 0.8 and short recordings; of 600 parameters, with 1 % deviation."""
-    hits = []
+    used, hits = method(name), []
+    # least squares needs neither base nor nominal arm
+    estimator = used.make(None)  # type: ignore[arg-type]
     for seed in range(150):
         rng = np.random.default_rng(seed)
-        columns, noise = motion_columns(rng), autoregressive(rng, 0.8)
-        hits.append(holds(recorded(rng, columns, noise).rows(slice(0, 500)), estimator))
+        given = recorded(rng, motion_columns(rng), autoregressive(rng, 0.8))
+        given = given.rows(slice(0, 500))
+        estimate = estimator(given)
+        interval = used.interval(given, estimator, estimate)
+        lower, upper = interval.interval(estimate.value)
+        hits.append((lower <= BETA) & (upper >= BETA))
     assert 0.92 <= np.mean(hits) <= 0.98
 
 
-def holds(problem: Problem, name: str) -> np.ndarray:
-    """Which parameters are within the interval of a method of ``identify``."""
-    used = method(name)
-    # least squares needs neither base nor nominal arm
-    estimator = used.make(None)  # type: ignore[arg-type]
-    estimate = estimator(problem)
-    lower, upper = used.interval(problem, estimator, estimate).interval(estimate.value)
-    return (lower <= BETA) & (upper >= BETA)
+def covered(size: float, runs: int = 25) -> np.ndarray:
+    """Share of predicted torque within the interval, the same by the plain formula, and of runs warned, (3,).
 
-
-class TestModelError:
-    """A torque that follows the motion but is no column of the model: 0.5 |w_1| w_1 of the first joint."""
-
-    def pair(self, seed: int, size: float) -> tuple[Problem, np.ndarray, np.ndarray]:
-        """A problem with model error, and matrix and torque without noise of another motion."""
+    A part of the torque follows the motion but is no column of the model: ``size`` |w_1| w_1 of the first joint. It is
+    predicted for another motion, without noise.
+    """
+    found = []
+    for seed in range(runs):
         rng = np.random.default_rng(seed)
         W, other = motion_columns(rng), motion_columns(rng)
         missing, lacking = (
             size * np.abs(w[..., 0]) * w[..., 0] * [1.0, 0.0] for w in (W, other)
         )
-        return (
-            recorded(rng, W, 0.3 * filtered(rng), missing),
-            other,
-            other @ BETA + lacking,
-        )
+        given = recorded(rng, W, 0.3 * filtered(rng), missing)
+        estimate, interval = least_squares(given)
+        error = np.abs(other @ (BETA - estimate.value) + lacking)
+        own = np.einsum("ijb,bc,ijc->ij", other, estimate.covariance, other)
+        widths = interval.half_width(other), 1.96 * np.sqrt(own)
+        shares = [(error <= width)[:, 0].mean() for width in widths]
+        found.append([*shares, bool(interval.error.warnings())])
+    return np.mean(found, axis=0)
 
-    def covered(self, size: float, runs: int = 25) -> tuple[float, float, float]:
-        """Share of predicted torque within the interval, the same by the plain formula, and of runs warned."""
-        hits, bare, warned = [], [], []
-        for seed in range(runs):
-            given, other, torque = self.pair(seed, size)
-            estimate = ordinary_least_squares(given)
-            interval = torque_interval(
-                given,
-                ordinary_least_squares,
-                block_jackknife(given, estimate.value),
-                cutoff=5.0,
-            )
-            error = np.abs(torque - other @ estimate.value)
-            hits.append((error <= interval.half_width(other))[:, 0].mean())
-            own = np.einsum("ijb,bc,ijc->ij", other, estimate.covariance, other)
-            bare.append((error <= 1.96 * np.sqrt(own))[:, 0].mean())
-            warned.append(bool(interval.error.warnings()))
-        return float(np.mean(hits)), float(np.mean(bare)), float(np.mean(warned))
 
-    def test_predicted_torque_stays_within_its_interval_and_every_run_warns(
-        self,
-    ) -> None:
-        held, bare, warned = self.covered(0.5)
-        assert held > 0.90
-        assert bare < 0.5
-        assert warned == 1.0
-
-    def test_a_model_without_error_is_hardly_ever_warned_of(self) -> None:
-        held, _, warned = self.covered(0.0)
-        assert held > 0.90
-        assert warned < 0.05
+def test_model_error_stays_within_the_interval_of_the_torque_and_is_warned_of() -> None:
+    held, bare, warned = covered(0.5)
+    assert held > 0.90 and bare < 0.5 and warned == 1.0
+    # without error a model is hardly ever warned of
+    held, _, warned = covered(0.0)
+    assert held > 0.90 and warned < 0.05
 
 
 def test_intervals_count_a_form_that_repeats_with_the_motion() -> None:
@@ -167,23 +148,13 @@ def test_intervals_count_a_form_that_repeats_with_the_motion() -> None:
 
 def test_few_samples_are_not_taken_for_an_effect_that_is_lacking() -> None:
     """Groups that do not determine each other's columns miss each other by more than noise, without any lack."""
-    warned = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        W = motion_columns(rng, 160)
         # each group moves by a column of its own
-        W = W * (0.02 + np.eye(4)[np.arange(160) * 4 // 160])[:, None, :]
-        noise = low_pass(rng.standard_normal((560, 2)), 1 / INTERVAL, 5.0)[200:-200]
-        given = recorded(rng, W, 0.1 * noise / noise.std())
-        estimate = ordinary_least_squares(given)
-        interval = torque_interval(
-            given,
-            ordinary_least_squares,
-            block_jackknife(given, estimate.value),
-            5.0,
-        )
-        warned.append(bool(interval.error.warnings()))
-    assert not any(warned)
+        own = 0.02 + np.eye(4)[np.arange(160) * 4 // 160]
+        W = motion_columns(rng, 160) * own[:, None, :]
+        _, interval = least_squares(recorded(rng, W, 0.1 * filtered(rng, 160)))
+        assert not interval.error.warnings()
 
 
 # Repeated groups: variance between them against what they state tells noise from model error.
@@ -193,56 +164,35 @@ THREE = BETA[:3]
 LENGTH, REPEATED_GROUPS = 600, 6
 
 
-def slow(rng: np.random.Generator, count: int) -> np.ndarray:
-    series = low_pass(rng.standard_normal((LENGTH + 400, count)), 1 / INTERVAL, 1.0)[
-        200:-200
-    ]
-    return series / series.std(axis=0)
-
-
 def groups(seed: int, missing: float, *, repeat: bool) -> Problem:
     """Six groups of two joints under noise of 0.2 N m, low-passed at 12 Hz; ``missing`` [N m] times |w_1| w_1 lacks."""
     rng = np.random.default_rng(seed)
-    same = slow(rng, 6).reshape(LENGTH, 2, 3)
-    W = np.concatenate(
-        [
-            same if repeat else slow(rng, 6).reshape(LENGTH, 2, 3)
-            for _ in range(REPEATED_GROUPS)
-        ]
-    )
+    parts = [low(rng, 6, 1.0, LENGTH) for _ in range(1 if repeat else REPEATED_GROUPS)]
+    W = np.concatenate(parts * (REPEATED_GROUPS if repeat else 1)).reshape(-1, 2, 3)
     noise = low_pass(rng.standard_normal((len(W), 2)), 1 / INTERVAL, 12.0)
-    torque = (
-        W @ THREE + 0.2 * noise / noise.std() + missing * np.abs(W[..., 0]) * W[..., 0]
-    )
-    return Problem(
-        W,
-        torque,
-        ("a", "b", "c"),
-        np.arange(len(W)) // LENGTH,
-        every(W),
-    )
+    torque = W @ THREE + 0.2 * noise / noise.std()
+    torque += missing * np.abs(W[..., 0]) * W[..., 0]
+    group = np.arange(len(W)) // LENGTH
+    return Problem(W, torque, ("a", "b", "c"), group, every(W))
 
 
-def compared(
-    missing: float, *, repeat: bool, runs: int = 20
-) -> tuple[list[str], np.ndarray]:
-    found = [
-        compare_groups(groups(seed, missing, repeat=repeat), ordinary_least_squares)
-        for seed in range(runs)
-    ]
-    return [one.verdict for one in found], np.array([one.ratio for one in found])
+def compared(missing: float, *, repeat: bool) -> tuple[set[str], np.ndarray]:
+    """Verdicts of 20 draws, and ratios."""
+    draws = (groups(seed, missing, repeat=repeat) for seed in range(20))
+    found = [compare_groups(draw, ordinary_least_squares) for draw in draws]
+    return {one.verdict for one in found}, np.array([one.ratio for one in found])
 
 
 @pytest.mark.parametrize("repeat", [False, True])
 def test_noise_is_called_noise(repeat: bool) -> None:
     verdicts, ratio = compared(0.0, repeat=repeat)
-    assert verdicts.count("noise") == len(verdicts)
+    assert verdicts == {"noise"}
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.15)
 
 
 def test_a_missing_effect_makes_groups_of_different_motion_differ() -> None:
     verdicts, ratio = compared(0.3, repeat=False)
-    assert set(verdicts) == {"model error that differs between groups"}
+    assert verdicts == {"model error that differs between groups"}
     assert np.median(ratio) > 3
     one = compare_groups(groups(0, 0.3, repeat=False), ordinary_least_squares)
     assert "bias that changes with the motion" in one.meaning
@@ -251,7 +201,7 @@ def test_a_missing_effect_makes_groups_of_different_motion_differ() -> None:
 
 def test_a_missing_effect_repeats_with_the_motion() -> None:
     verdicts, ratio = compared(1.0, repeat=True)
-    assert set(verdicts) == {"model error common to all groups"}
+    assert verdicts == {"model error common to all groups"}
     assert np.median(ratio) < 0.2
 
 
@@ -276,37 +226,27 @@ def test_errors_by_hand() -> None:
     assert found.overall == pytest.approx(np.sqrt(8 / 29))
 
 
-class TestWhiteness:
-    def judged(
-        self, residual: np.ndarray, rate: float = 250.0, cutoff: float = 20.0
-    ) -> np.ndarray:
+def test_noise_in_the_band_is_white_and_what_follows_the_motion_is_not() -> None:
+    rate, cutoff = 250.0, 20.0
+    noise = np.random.default_rng(0).standard_normal((20_000, 40))
+    wave = 0.5 * np.sin(2 * np.pi * 0.4 * np.arange(20_000) / rate)[:, None]
+    p_values = []
+    for residual in (noise, wave + noise[:, :1]):
         left = low_pass(residual, rate, cutoff)
         group, rates = np.zeros(len(left), dtype=int), np.full(len(left), rate)
-        return whiteness(left, group, rates, cutoff).p_value
-
-    def test_noise_in_the_band_passes(self) -> None:
-        p_values = self.judged(np.random.default_rng(0).standard_normal((20_000, 40)))
-        assert (p_values > 0.001).mean() > 0.95 and (
-            p_values < 0.5
-        ).mean() == pytest.approx(0.5, abs=0.2)
-
-    def test_what_follows_the_motion_does_not(self) -> None:
-        rng = np.random.default_rng(1)
-        slow = 0.5 * np.sin(2 * np.pi * 0.4 * np.arange(5000) / 250)[:, None]
-        assert self.judged(slow + rng.standard_normal((5000, 1)))[0] < 1e-3
+        p_values.append(whiteness(left, group, rates, cutoff).p_value)
+    assert (p_values[0] > 0.001).mean() > 0.95
+    assert (p_values[0] < 0.5).mean() == pytest.approx(0.5, abs=0.2)
+    assert p_values[1][0] < 1e-3
 
 
 def test_same_filter_on_both_sides() -> None:
     """A model that is right up to what the filter takes away leaves nothing."""
-    t = np.arange(1000) / 250
-    torque = (
-        np.sin(2 * np.pi * 3 * t)[:, None] + np.sign(np.sin(2 * np.pi * t))[:, None]
-    )
-    motion = Motion(t, t[:, None], np.ones((1000, 1)), np.zeros((1000, 1)))
-    segment = Segment("made.csv", motion, torque)
-    found = validate(
-        "judge", [segment, segment], Band(5.0), lambda m: torque, lambda m: 0.9 * torque
-    )
+    t = np.arange(1000)[:, None] / 250
+    torque = np.sin(2 * np.pi * 3 * t) + np.sign(np.sin(2 * np.pi * t))
+    motion = Motion(t[:, 0], t, np.ones((1000, 1)), np.zeros((1000, 1)))
+    both, band = [Segment("made.csv", motion, torque)] * 2, Band(5.0)
+    found = validate("judge", both, band, lambda m: torque, lambda m: 0.9 * torque)
     assert found.every.overall < 1e-12 and found.nominal.overall == pytest.approx(0.1)
     assert found.recordings == ("made.csv",) and len(found.edges) == 3
     assert len(found.t) == 2 * (1000 - 2 * 75)
