@@ -81,6 +81,7 @@ NIGHTLY = {
     "zero off by 60 degrees",
     "a command times four",
     "jitter",
+    "a load far off the axis",
 }
 """More of what others of the lists have: another joint, another size, another cause that looks alike."""
 
