@@ -39,41 +39,27 @@ from gapscope.reports.blind_check import (
     tables,
 )
 
+CONDITIONS = {"robot": "small", "rate": 250, "bare": False, "inertials_off": 0.0}
+
 
 def label(
     *effects: dict[str, Any], kind: str = "single", fast: bool = True
 ) -> dict[str, Any]:
     """A label of an arm with three joints."""
-    return {
-        "kind": kind,
-        "effects": list(effects),
-        "severity": [3.0, 5.0] if effects else None,
-        "measure": "torque",
-        "gap": [0.1] * 3,
-        "floor": [0.01] * 3,
-        "motions": ["slow", "fast" if fast else "middle", "fast"],
-        "conditions": {
-            "robot": "small",
-            "rate": 250,
-            "bare": False,
-            "inertials_off": 0.0,
-        },
-    }
+    sizes = {"measure": "torque", "gap": [0.1] * 3, "floor": [0.01] * 3}
+    severity = [3.0, 5.0] if effects else None
+    motions = ["slow", "fast" if fast else "middle", "fast"]
+    known = {"kind": kind, "effects": list(effects), "severity": severity}
+    return known | sizes | {"motions": motions, "conditions": CONDITIONS}
 
 
 def effect(
     name: str, joints: list[int], probability: float = 1.0, **parameters: Any
 ) -> dict[str, Any]:
     """An entry of ``effects``."""
-    return {
-        "effect": name,
-        "joints": joints,
-        "probability": probability,
-        "alternatives": [],
-        "parameters": {
-            key: {"unit": "1", "value": value} for key, value in parameters.items()
-        },
-    }
+    values = {key: {"unit": "1", "value": value} for key, value in parameters.items()}
+    known = {"effect": name, "joints": joints, "probability": probability}
+    return known | {"alternatives": [], "parameters": values}
 
 
 def said(*effects: dict[str, Any], verdict: str = "effects_found") -> dict[str, Any]:
@@ -177,31 +163,25 @@ def test_errors_and_findings_of_a_diagnosis() -> None:
 
 
 def test_the_error_of_a_tilt_is_that_of_the_vector() -> None:
-    true, found = (
-        effect("base_tilt", [], roll=0.03, pitch=0.04),
-        effect("base_tilt", [], roll=0.03, pitch=0.05),
-    )
+    true, found = (effect("base_tilt", [], roll=0.03, pitch=x) for x in (0.04, 0.05))
     assert first_parameter_error(true, found) == pytest.approx(0.2)
 
 
 def test_the_summary_counts_alarms_unknowns_and_failures() -> None:
-    beyond = {
-        "effect": "unknown",
-        "kind": "hysteresis",
-        "joints": [1],
-        "parameters": {},
+    beyond = effect("unknown", [1]) | {"kind": "hysteresis"}
+    rotor = effect("armature", [1])
+    unexplained = said(verdict="unexplained")
+    outside = label(beyond, kind="outside")
+    documents = {
+        "a": (label(kind="healthy"), NONE),
+        "b": (label(kind="healthy"), said(effect("payload", [], mass=1.0))),
+        "c": (outside, unexplained),
+        "d": (outside, said(effect("coulomb_friction", [1]))),
+        "e": (label(rotor), said(rotor)),
+        "f": (label(rotor), unexplained),
+        "g": (label(rotor), None),
     }
-    cases = [
-        compare("a", label(kind="healthy"), said(verdict="no_gap")),
-        compare("b", label(kind="healthy"), said(effect("payload", [], mass=1.0))),
-        compare("c", label(beyond, kind="outside"), said(verdict="unexplained")),
-        compare(
-            "d", label(beyond, kind="outside"), said(effect("coulomb_friction", [1]))
-        ),
-        compare("e", label(effect("armature", [1])), said(effect("armature", [1]))),
-        compare("f", label(effect("armature", [1])), said(verdict="unexplained")),
-        compare("g", label(effect("armature", [1])), None),
-    ]
+    cases = [compare(name, *pair) for name, pair in documents.items()]
     figures = summary(cases)
     assert figures["healthy"]["false_alarms"]["hits"] == 1
     unknown = figures["unknown"]
@@ -219,11 +199,8 @@ def plain_case(weights: list[float], noise: float = 0.01) -> Design:
     """A regression with three columns that are not correlated."""
     rng = np.random.default_rng(1)
     columns = np.linalg.qr(rng.standard_normal((6000, 3)))[0]
-    terms = (
-        DesignColumn("payload", 0),
-        DesignColumn("armature", 1),
-        DesignColumn("armature", 2),
-    )
+    names = ("payload", "armature", "armature")
+    terms = tuple(DesignColumn(name, joint) for joint, name in enumerate(names))
     gap = 60.0 * columns @ np.array(weights) + noise * rng.standard_normal(6000)
     return Design(gap, terms, columns, np.full(2, float(np.sqrt((gap**2).mean()))), 2)
 
@@ -262,9 +239,6 @@ def test_a_case_without_any_gap_is_classified_as_healthy() -> None:
 
 
 def test_an_answer_of_a_plain_method_can_be_scored() -> None:
-    case = compare(
-        "c",
-        label(effect("armature", [1], inertia=[1.0])),
-        answer("effects_found", [("armature", [1])]),
-    )
+    truth = label(effect("armature", [1], inertia=[1.0]))
+    case = compare("c", truth, answer("effects_found", [("armature", [1])]))
     assert case.exact and case.errors == ()

@@ -7,7 +7,7 @@ The motion is analytic, so that a torque that acts late is evaluated late, witho
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -307,6 +307,12 @@ def motion(seed: int, frequency: float = 0.2, duration: float = 10.0) -> Fourier
         frequency=frequency,
         order=5,
     )
+
+
+def held(moved: Fourier, joint: int) -> Fourier:
+    """The motion with one joint, from 1, held still."""
+    moving = np.arange(1, N + 1) != joint
+    return replace(moved, sine=moved.sine * moving, cosine=moved.cosine * moving)
 
 
 @cache

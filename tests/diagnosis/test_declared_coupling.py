@@ -1,19 +1,16 @@
 """Friction of a motor that turns two joints: named if the case declares it, asked for if not, and else never."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 import synthetic
-from sweeps import daily, nightly
+from sweeps import nightly
 from synthetic import Truth
 
-from gapscope.arm.case import Case
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.wording import unexplained_sentence
-from gapscope.diagnosis.result import Diagnosis
 
 COUPLING = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 1.0]])
 
@@ -25,21 +22,12 @@ def motor_friction(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
     return np.column_stack([0.0 * f, -f, f])
 
 
-@cache
-def case() -> Case:
-    return synthetic.case(Truth(extra=motor_friction), seed=3)
+TRUTH = Truth(extra=motor_friction)
 
 
-def declared(case: Case) -> Case:
-    return replace(case, arm=replace(case.arm, coupling=COUPLING))
-
-
-@pytest.fixture(scope="module")
-def found() -> Diagnosis:
-    return diagnose(declared(case()))
-
-
-def test_declared_it_is_named_on_the_motor(found: Diagnosis) -> None:
+def test_declared_it_is_named_on_the_motor_and_predicted() -> None:
+    case = synthetic.case(TRUTH, seed=3)
+    found = diagnose(replace(case, arm=replace(case.arm, coupling=COUPLING)))
     validate(found.document)
     effects = {e["effect"]: e for e in found.document["effects"]}
     assert set(effects) == {"coupled_coulomb_friction", "coupled_viscous_friction"}
@@ -50,27 +38,17 @@ def test_declared_it_is_named_on_the_motor(found: Diagnosis) -> None:
     assert slope["value"] == pytest.approx([2.0], abs=0.4)
     assert found.document["closed"] > 0.95
     assert found.document["unexplained"]["coupling"] is None
-
-
-def test_the_corrected_arm_predicts_it(found: Diagnosis) -> None:
     after = found.document["gap"]["after"]["torque_nrmse"]
     assert max(after) < 0.1
 
 
 def test_undeclared_it_is_asked_for() -> None:
-    document = diagnose(case()).document
-    validate(document)
+    document = synthetic.diagnosed(TRUTH, seed=3).document
     coupling = document["unexplained"]["coupling"]
     assert coupling["joints"] == [2, 3]
     assert coupling["declare"] == {"motor": 3, "joint": 2, "ratio": -1.0}
     assert "joints 2 and 3" in unexplained_sentence(document)
     assert "motor: 3, joint: 2, ratio: -1" in document["next_recording"]
-
-
-@pytest.mark.parametrize("seed", daily((0, 1), 0))
-def test_a_healthy_arm_with_a_declared_motor_has_no_gap(seed: int) -> None:
-    document = diagnose(declared(synthetic.case(Truth(), seed=seed))).document
-    assert document["verdict"] == "no_gap" and not document["effects"]
 
 
 @pytest.mark.parametrize(
@@ -85,7 +63,5 @@ def test_a_healthy_arm_with_a_declared_motor_has_no_gap(seed: int) -> None:
     ids=["friction of both joints", "no friction"],
 )
 def test_others_are_not_asked_for_a_coupling(truth: Truth) -> None:
-    assert (
-        diagnose(synthetic.case(truth, seed=5)).document["unexplained"]["coupling"]
-        is None
-    )
+    document = synthetic.diagnosed(truth, seed=5).document
+    assert document["unexplained"]["coupling"] is None

@@ -100,7 +100,6 @@ DIAGNOSED: dict[str, Callable[[], Case]] = {
 DAILY = (
     "1 s at 30 Hz",
     "a third of the rows lost",
-    "positions in steps of 0.1 rad",
     "a spike in the torque",
     "torque in thousandths",
 )

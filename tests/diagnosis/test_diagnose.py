@@ -1,17 +1,18 @@
-"""A diagnosis as a whole: what it uses, what it must not use, and odd cases."""
+"""A diagnosis as a whole: what it uses, what it must not use, and cases that are not what they say."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 import synthetic
-from cases import case_of
-from sweeps import nightly
-from synthetic import Truth
+from cases import case_of, each
+from synthetic import Truth, named
 
 import gapscope
 from gapscope.arm.case import Case
@@ -19,31 +20,34 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis import diagnose as of_sheet
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.document.wording import verdict_sentence
+from gapscope.diagnosis.document.wording import (
+    nominal_friction_sentence,
+    verdict_sentence,
+)
 from gapscope.diagnosis.result import Diagnosis
 
 COULOMB = Truth(coulomb=(0.0, 2.0, 0.0))
 
 
-@pytest.fixture(scope="module")
 def judged() -> Case:
-    """A case with a recording that is set aside."""
-    return synthetic.case(COULOMB, seed=7, judged=True)
+    """A case with a recording that is set aside; its data sheet is where its friction is from."""
+    case = synthetic.case(COULOMB, seed=7, judged=True)
+    return replace(case, arm=replace(case.arm, friction_source="data sheet"))
 
 
-@pytest.fixture(scope="module")
-def found(judged: Case) -> Diagnosis:
-    return diagnose(judged)
+@cache
+def found() -> Diagnosis:
+    return diagnose(judged())
 
 
-def changed(
-    recording: Recording, change: Callable[[np.ndarray], np.ndarray]
-) -> Recording:
-    assert recording.tau is not None
-    return replace(recording, tau=change(np.array(recording.tau)))
+def changed(change: Callable[[Recording], Recording]) -> Diagnosis:
+    """The diagnosis if what is set aside is changed."""
+    case = judged()
+    return diagnose(replace(case, judged=tuple(change(r) for r in case.judged)))
 
 
 def values(result: Diagnosis) -> list[tuple[str, list[int], list[object]]]:
@@ -55,207 +59,143 @@ def values(result: Diagnosis) -> list[tuple[str, list[int], list[object]]]:
     ]
 
 
-def test_document_is_valid_json(found: Diagnosis) -> None:
-    validate(found.document)
-    text = json.dumps(plain(found.document), allow_nan=False)
-    assert json.loads(text) == plain(found.document)
-    assert (
-        json.loads(json.dumps(found.document, allow_nan=False)) == found.document
-    )  # plain values already
+def test_document_is_valid_json_of_plain_values() -> None:
+    document = found().document
+    validate(document)
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    assert plain(document) == document
 
 
-def test_same_case_same_diagnosis_and_progress_is_told(
-    judged: Case, found: Diagnosis
-) -> None:
+def test_same_case_same_diagnosis_and_progress_is_told() -> None:
     told: list[str] = []
-    assert diagnose(judged, told.append).document == found.document
+    assert diagnose(judged(), told.append).document == found().document
     assert len(told) > 3 and any("coulomb_friction" in message for message in told)
 
 
-def test_case_is_described(found: Diagnosis) -> None:
-    document = found.document
+def test_case_is_described() -> None:
+    document = found().document
     assert document["arm"] == {
         "robot": "yaw_pitch_pitch",
         "joints": ["joint_1", "joint_2", "joint_3"],
     }
-    assert [(r["name"], r["role"]) for r in document["recordings"]] == [
-        ("recording_0.csv", "fit"),
-        ("recording_1.csv", "fit"),
-        ("recording_2.csv", "fit"),
-        ("judged.csv", "judge"),
-    ]
+    fitted = [(f"recording_{k}.csv", "fit") for k in range(3)]
+    roles = [(r["name"], r["role"]) for r in document["recordings"]]
+    assert roles == [*fitted, ("judged.csv", "judge")]
     assert document["judged_on"] == "recordings set aside for judging"
     assert document["case"] == "synthetic" and document["schema"] == 1
     assert document["states"]["shared"] and document["states"]["differs"] == []
     assert "share a state" not in verdict_sentence(document)
     assert "sides" not in document and document["torque_from"] == "recorded"
     assert not any("must have commanded" in text for text in document["warnings"])
+    assert document["nominal"]["friction"] == {
+        "source": "data sheet",
+        "coulomb": [2.0, 3.0, 1.0],
+        "viscous": [2.0, 3.0, 1.0],
+    }
+    assert (
+        nominal_friction_sentence(document)
+        == "Coulomb 1.00 to 3.00 N m and viscous 1.00 to 3.00 N m s/rad (from data sheet)"
+    )
 
 
-def test_curves_fit_the_document(found: Diagnosis) -> None:
-    (trace,) = found.traces
+def test_curves_fit_the_document() -> None:
+    (trace,) = found().traces
     assert trace.recording == "judged.csv"
-    assert (
-        trace.measured.shape
-        == trace.nominal.shape
-        == trace.corrected.shape
-        == (len(trace.t), 3)
-    )
-    assert {s.effect for s in found.signatures} == {"coulomb_friction"}
-    assert found.spectrum.before.shape == (len(found.spectrum.frequency), 3)
+    assert trace.measured.shape == trace.nominal.shape == (len(trace.t), 3)
+    assert trace.corrected.shape == trace.measured.shape
+    assert {s.effect for s in found().signatures} == {"coulomb_friction"}
+    assert found().spectrum.before.shape == (len(found().spectrum.frequency), 3)
+    assert found().replayed.recording == "judged.csv"
 
 
-class TestJudgedRecordings:
-    @pytest.mark.nightly
-    def test_torque_of_a_judged_recording_changes_no_value(
-        self, judged: Case, found: Diagnosis
-    ) -> None:
-        other = replace(
-            judged,
-            judged=tuple(
-                changed(r, lambda tau: 1.3 * tau + 1.0) for r in judged.judged
-            ),
-        )
-        result = diagnose(other)
-        assert values(result) == values(found)
-        gaps = [
-            np.array(d.document["gap"]["after"]["torque_nrmse"])
-            for d in (found, result)
-        ]
-        assert (gaps[1] > gaps[0] + 0.02).all()
-
-    def test_gaps_are_those_of_the_judged_recording(
-        self, judged: Case, found: Diagnosis, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        """Only the judged arm has a further effect: the gap after it shows there, and is not explained.
-
-        What an audit finds in the robot file is said first then.
-        """
-        (aside,) = judged.judged
-        monkeypatch.setattr(of_sheet, "odd_kinds", lambda urdf: "mass (2)")
-        result = diagnose(
-            replace(
-                judged,
-                judged=(changed(aside, lambda tau: tau + np.array([3.0, 0.0, 0.0])),),
-            )
-        )
-        assert values(result) == values(found)
-        assert result.document["gap"]["after"]["torque_nrmse"][0] > 0.1
-        assert result.document["verdict"] == "unexplained"
-        first = result.document["warnings"][0]
-        assert first.startswith("in the robot file: mass (2); see gapscope audit /")
-
-    @pytest.mark.nightly
-    def test_motion_of_a_judged_recording_changes_no_value(
-        self, judged: Case, found: Diagnosis
-    ) -> None:
-        (aside,) = judged.judged
-        shaken = aside.q + 0.01 * np.sin(2 * np.pi * 25 * aside.t)[:, None]
-        assert values(
-            diagnose(replace(judged, judged=(replace(aside, q=shaken),)))
-        ) == values(found)
-
-    def test_healthy_judged_recording_does_not_undo_what_was_fitted(
-        self, judged: Case, found: Diagnosis
-    ) -> None:
-        result = diagnose(
-            replace(judged, judged=synthetic.case(Truth(), seed=7, judged=True).judged)
-        )
-        assert result.document["verdict"] != "no_gap"
-
-    def test_judged_recording_without_torque_is_not_said_to_be_judged_on(
-        self, judged: Case
-    ) -> None:
-        silent = tuple(replace(r, tau=None) for r in judged.judged)
-        document = diagnose(replace(judged, judged=silent)).document
-        assert document["judged_on"].startswith("each motion")
-
-
-def test_a_single_recording() -> None:
-    case = synthetic.case(COULOMB, seed=8)
-    result = diagnose(replace(case, recordings=case.recordings[2:]))
-    validate(result.document)
-    assert "states" not in result.document
-    assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
-    assert result.effects[0].parameters["torque"] == pytest.approx([2.0], rel=0.05)
-    assert result.document["judged_on"].startswith("each motion")
-
-
-@pytest.mark.nightly
-def test_a_single_healthy_recording() -> None:
-    case = synthetic.case(Truth(), seed=8)
-    assert (
-        diagnose(replace(case, recordings=case.recordings[1:2])).document["verdict"]
-        == "no_gap"
-    )
-
-
-def silent(recording: Recording) -> Recording:
-    return replace(recording, tau=None)
-
-
-def late(recording: Recording) -> Recording:
-    """At half the rate as well."""
-    return replace(
-        recording,
-        t=recording.t[::2] + 1.7e9,
-        q=recording.q[::2],
-        tau=recording.tau[::2],
-    )
-
-
-def torn(recording: Recording) -> Recording:
-    keep = (recording.t < 3.0) | (recording.t > 3.4)
-    return replace(
-        recording, t=recording.t[keep], q=recording.q[keep], tau=recording.tau[keep]
-    )
-
-
-Change = Callable[[Recording], Recording]
-
-
-def kept(recording: Recording) -> Recording:
-    return recording
+FRICTION = '<dynamics damping="10.0" friction="0.5"/>'
 
 
 @pytest.mark.parametrize(
-    "changes",
+    ("sheet", "source"),
     [
-        (silent, late, torn),
-        nightly((silent, kept, kept)),
-        nightly((late, late, late)),
-        nightly((kept, kept, torn)),
+        (None, "robot.urdf <dynamics>"),
+        ({"coulomb": [1.0] * 3, "viscous": [1.0] * 3}, "data sheet"),
+        (
+            {"coulomb": [1.0] * 3},
+            "coulomb from data sheet, viscous from robot.urdf <dynamics>",
+        ),
+        ({"coulomb": [0.0] * 3, "viscous": [0.0] * 3}, ""),
     ],
 )
-def test_one_without_torque_one_that_starts_late_and_one_with_a_gap(
-    changes: tuple[Change, ...],
+def test_source_of_the_friction_is_known(
+    tmp_path: Path, sheet: dict[str, list[float]] | None, source: str
 ) -> None:
-    """What is without torque is left out; time may start anywhere, and gaps in it are survived."""
-    case = synthetic.case(COULOMB, seed=7)
-    recordings = [change(r) for change, r in zip(changes, case.recordings, strict=True)]
-    result = diagnose(replace(case, recordings=tuple(recordings)))
-    assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
-    assert result.effects[0].parameters["torque"] == pytest.approx([2.0], rel=0.05)
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(synthetic.URDF.replace("<limit", FRICTION + "<limit"))
+    assert load_nominal_arm(urdf, sheet=sheet).friction_source == source
+
+
+# Recordings that are set aside are judged on, and change no value.
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("channel", ["tau", "q"])
+def test_a_judged_recording_changes_no_value(channel: str) -> None:
+    def spoilt(r: Recording) -> Recording:
+        shaken = r.q + 0.01 * np.sin(2 * np.pi * 25 * r.t)[:, None]
+        return replace(r, **{channel: shaken if channel == "q" else 1.3 * r.tau + 1.0})
+
+    result = changed(spoilt)
+    assert values(result) == values(found())
+    before, after = (
+        np.array(d.document["gap"]["after"]["torque_nrmse"]) for d in (found(), result)
+    )
+    assert channel == "q" or (after > before + 0.02).all()
+
+
+def test_gaps_are_those_of_the_judged_recording(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Only the judged arm has a further effect: the gap after it shows there, and is not explained.
+
+    What an audit finds in the robot file is said first then.
+    """
+    monkeypatch.setattr(of_sheet, "odd_kinds", lambda urdf: "mass (2)")
+    result = changed(lambda r: replace(r, tau=r.tau + np.array([3.0, 0.0, 0.0])))
+    assert values(result) == values(found())
+    assert result.document["gap"]["after"]["torque_nrmse"][0] > 0.1
+    assert result.document["verdict"] == "unexplained"
+    first = result.document["warnings"][0]
+    assert first.startswith("in the robot file: mass (2); see gapscope audit /")
+
+
+def test_a_healthy_judged_recording_does_not_undo_what_was_fitted() -> None:
+    healthy = synthetic.case(Truth(), seed=7, judged=True).judged
+    result = diagnose(replace(judged(), judged=healthy))
+    assert result.document["verdict"] != "no_gap"
+
+
+def test_nothing_is_judged_on_a_recording_without_torque() -> None:
+    result = changed(lambda r: replace(r, tau=None))
+    assert result.document["judged_on"].startswith("each motion")
+    assert result.replayed.recording == "recording_2.csv"
+
+
+def test_of_one_recording_its_last_part_is_replayed() -> None:
+    case = judged()
+    whole = case.recordings[0]
+    result = diagnose(replace(case, recordings=(whole,), judged=()))
+    assert result.document["judged_on"].startswith("each motion")
+    assert result.replayed.t[0] > 0.7 * whole.duration
+    assert result.replayed.t[-1] == pytest.approx(whole.t[-1], abs=0.5)
+
+
+# Cases that are refused, told otherwise, or of another robot.
 
 
 def test_no_torque_at_all() -> None:
-    case = synthetic.case(COULOMB, seed=7)
-    silent = tuple(replace(r, tau=None) for r in case.recordings)
+    silent = each(synthetic.case(COULOMB, seed=7), lambda r: replace(r, tau=None))
     with pytest.raises(
         GapscopeError, match=r"synthetic: no recording carries a torque(.|\n)*tau1"
     ) as caught:
-        diagnose(replace(case, recordings=silent))
+        diagnose(silent)
     assert caught.value.exit_code == 1
-
-
-def test_too_short() -> None:
-    case = synthetic.case(COULOMB, seed=7)
-    short = case.recordings[0]
-    cut = Recording(short.name, short.t[:200], short.q[:200], short.tau[:200])
-    with pytest.raises(
-        InputError, match=r"recording_0\.csv: lasts 0\.796 s, at least 1 s"
-    ):
-        diagnose(replace(case, recordings=(cut,)))
 
 
 ORDER = np.array([2, 0, 1])
@@ -275,94 +215,66 @@ def reordered(recordings: Iterable[Recording]) -> Case:
     return case_of("turned", NominalArm(base.name, base.urdf, joints, **sheet), *turned)
 
 
-def test_order_of_the_columns() -> None:
+ON_LINKS = Truth(mass=1.0, com=(0.2, 0.0, 0.0), encoder=(0.0, 0.06, 0.0))
+ON_JOINTS = Truth(force=(8.0, 0.0, -12.0), window=(2.0, 4.0), ripple=(1.5, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("truth", "seconds", "expected"),
+    [
+        (
+            ON_LINKS,
+            8.0,
+            {
+                ("encoder_offset", (3,), "offset"): ([0.06], 3e-3),
+                ("payload", (), "mass"): (1.0, 0.03),
+                ("payload", (), "com"): ([0.2, 0.0, 0.0], 0.01),
+            },
+        ),
+        pytest.param(
+            *(ON_JOINTS, 6.0),
+            {
+                ("external_force", (), "force"): ([8.0, 0.0, -12.0], 0.5),
+                ("torque_ripple", (2,), "amplitude"): ([1.5], 0.1),
+            },
+            marks=pytest.mark.nightly,
+        ),
+    ],
+)
+def test_order_of_the_columns(truth: Truth, seconds: float, expected: dict) -> None:
     """It gives the same effects on the joints renumbered."""
-    truth = Truth(mass=1.0, com=(0.2, 0.0, 0.0), encoder=(0.0, 0.06, 0.0))
-    result = diagnose(reordered(synthetic.recordings(truth, 2)))
-    assert sorted((e.name, e.joints) for e in result.effects) == [
-        ("encoder_offset", (3,)),
-        ("payload", ()),
-    ]
-    payload = next(e for e in result.effects if e.name == "payload")
-    assert payload.parameters["mass"] == pytest.approx(1.0, rel=0.03)
-    np.testing.assert_allclose(payload.parameters["com"], [0.2, 0.0, 0.0], atol=0.01)
-    encoder = next(e for e in result.effects if e.name == "encoder_offset")
-    assert encoder.parameters["offset"] == pytest.approx([0.06], rel=0.05)
+    result = diagnose(reordered(synthetic.recordings(truth, 2, duration=seconds)))
+    assert set(named(result)) == {(name, joints) for name, joints, _ in expected}
+    found = {effect.name: effect.parameters for effect in result.effects}
+    for (name, _, parameter), (value, within) in expected.items():
+        np.testing.assert_allclose(found[name][parameter], value, atol=within)
 
 
-@pytest.mark.nightly
-def test_order_of_the_columns_of_other_effects() -> None:
-    """As above, of effects that are no load."""
-    truth = Truth(force=(8.0, 0.0, -12.0), window=(2.0, 4.0), ripple=(1.5, 0.0, 0.0))
-    result = diagnose(reordered(synthetic.recordings(truth, 2, duration=6.0)))
-    assert sorted((e.name, e.joints) for e in result.effects) == [
-        ("external_force", ()),
-        ("torque_ripple", (2,)),
-    ]
-    force = next(e for e in result.effects if e.name == "external_force")
-    np.testing.assert_allclose(force.parameters["force"], [8.0, 0.0, -12.0], atol=0.5)
-
-
-def test_a_joint_that_never_moves() -> None:
-    case = synthetic.case(COULOMB, seed=7)
-    held = []
-    for k, r in enumerate(case.recordings):
-        motion = synthetic.motion(70 + k, (0.1, 0.2, 0.3)[k], 8.0)
-        motion = replace(
-            motion, sine=motion.sine * [1, 1, 0], cosine=motion.cosine * [1, 1, 0]
-        )
-        held.append(
-            synthetic.recording(COULOMB, motion, np.random.default_rng(k), r.name)
-        )
-    result = diagnose(replace(case, recordings=tuple(held)))
-    validate(result.document)
-    assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
-
-
-@pytest.mark.nightly
-def test_recordings_of_different_rates() -> None:
-    """A sine of 5 Hz is found in its band although the recordings have 125, 250 and 250 Hz."""
-
-    def ripple(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        return np.outer(np.sin(2 * np.pi * 5 * t), [0.0, 3.0, 0.0])
-
-    truth = Truth(extra=ripple)
-    fast, slow = (synthetic.recordings(truth, 3, rate=rate) for rate in (250.0, 125.0))
-    case = replace(synthetic.case(truth, 3), recordings=(slow[0], *fast[1:]))
-    document = diagnose(case).document
-    assert "4 to 8 Hz" in [
-        region["regime"] for region in document["unexplained"]["where"]
-    ]
-
-
-@pytest.fixture(scope="module")
-def foreign(tmp_path_factory: pytest.TempPathFactory) -> Case:
+@cache
+def foreign() -> Case:
     """Recordings of the arm with the URDF of another."""
-    urdf = tmp_path_factory.mktemp("foreign") / "other.urdf"
+    case = synthetic.case(COULOMB, seed=7)
+    urdf = case.arm.urdf.with_name("other.urdf")
     text = synthetic.URDF.replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"')
     urdf.write_text(text.replace('mass value="5"', 'mass value="60"'))
-    case = synthetic.case(COULOMB, seed=7)
     return replace(case, arm=NominalArm("other", urdf, case.arm.joints))
 
 
-def test_another_robot_is_said_and_nothing_is_found_of_it(foreign: Case) -> None:
-    result = diagnose(foreign)
+def test_another_robot_is_said_and_nothing_is_found_of_it() -> None:
+    result = diagnose(foreign())
     document = result.document
     validate(document)
     assert verdict_sentence(document).startswith("Probably another robot")
     assert document["verdict"] == "unexplained" and result.faults == ()
     assert not document["effects"] + document["possible"] + document["changes"]
+    with pytest.raises(InputError, match="probably another robot"):
+        gapscope.identify(foreign())
 
 
 def test_an_arm_that_its_data_sheet_makes_unlikely_is_no_other_robot() -> None:
     # eighteen times the deviation of what the joint has otherwise
     unlikely = Truth(coulomb=(0.0, 2.0, 0.0), offset=(0.0, 0.0, 40.0))
-    document = diagnose(synthetic.case(unlikely, seed=7)).document
-    assert document["verdict"] == "effects_found" and "misread" not in document
-    named = {(e["effect"], *e["joints"]) for e in document["effects"]}
-    assert named == {("torque_offset", 3), ("coulomb_friction", 2)}
-
-
-def test_nothing_is_identified_of_another_robot(foreign: Case) -> None:
-    with pytest.raises(InputError, match="probably another robot"):
-        gapscope.identify(foreign)
+    result = synthetic.diagnosed(unlikely, seed=7)
+    assert result.document["verdict"] == "effects_found"
+    assert "misread" not in result.document
+    assert named(result) == [("coulomb_friction", (2,)), ("torque_offset", (3,))]

@@ -11,12 +11,10 @@ import pytest
 import synthetic
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import register, remove
-from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Signals, TorqueLaw
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import Grid, Parametrisation
@@ -34,19 +32,6 @@ def applied() -> AppliedEffect:
 def drag(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
     """The law, written a second time [N m]."""
     return TORQUE * (1 - np.exp(-(q**2) / WIDTH**2)) * np.tanh(dq / 0.1)
-
-
-def test_the_prediction_has_it(cable_drag: Effect) -> None:
-    """On its joint alone: 3 (1 - exp(-1)) tanh(5) = 1.896 N m at q = w, nothing at q = 0."""
-    q = np.array([[0.1, WIDTH, 0.2], [0.1, 0.0, 0.2]])
-    motion = Motion(np.array([0.0, 0.1]), q, np.full((2, 3), 0.5), np.zeros((2, 3)))
-    body = RigidBody(synthetic.arm())
-    plain, changed = (
-        CorrectedArm(synthetic.arm(), effects).predict(body, motion)
-        for effects in ((), (applied(),))
-    )
-    expected = [[0.0, 1.89619, 0.0], [0.0, 0.0, 0.0]]
-    np.testing.assert_allclose(changed - plain, expected, atol=1e-5)
 
 
 def test_the_simulator_has_it(cable_drag: Effect) -> None:

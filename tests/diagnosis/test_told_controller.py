@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import synthetic
 from cases import each
+from sweeps import nightly
 
 import gapscope
 from gapscope.arm.case import Case
@@ -104,7 +105,7 @@ def test_beside_inverse_dynamics_nothing_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("at_work", "declared"), [("gravity", "none"), ("none", "nominal")]
+    ("at_work", "declared"), [("gravity", "none"), nightly("none", "nominal")]
 )
 def test_a_feedforward_that_is_declared_wrongly_is_named(
     at_work: str, declared: str

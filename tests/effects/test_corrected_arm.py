@@ -27,7 +27,6 @@ from gapscope.effects.corrected_file import (
     read_corrected_arm,
     write_corrected,
 )
-from gapscope.effects.deflection import through_play, through_springs
 from gapscope.effects.severity import draw
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [3.0]})
@@ -124,30 +123,6 @@ def test_all_effects_in_any_order_predict_the_same(
         np.testing.assert_allclose(
             CorrectedArm(two, shuffled).predict(body, motion), expected, atol=1e-9
         )
-
-
-@pytest.mark.parametrize(
-    "effects", [(ELASTIC,), (PLAY,), (ELASTIC, PLAY)], ids=["elastic", "play", "both"]
-)
-def test_links_behind_the_motors_carry_the_payload(
-    two: NominalArm, body: RigidBody, motion: Motion, effects: tuple[AppliedEffect, ...]
-) -> None:
-    """Of a joint with both the spring is felt beyond the free play; the bodies are those with the load."""
-    spring, damper = ELASTIC.per_joint("stiffness", 2), ELASTIC.per_joint("damping", 2)
-    none, width = np.zeros(2), PLAY.per_joint("width", 2)
-    loaded = CorrectedArm(two, (PAYLOAD,)).body(body)
-    state = motion.q, motion.dq, motion.ddq
-    torque, matrices = loaded.inverse_dynamics(*state), loaded.sensitivities(*state)
-    if PLAY not in effects:
-        expected = through_springs(matrices, motion, torque, spring, damper)
-    else:
-        stiff = (spring, damper) if ELASTIC in effects else (none, none)
-        expected = through_play(matrices, motion, torque, width, *stiff)
-    for order in itertools.permutations((*effects, PAYLOAD)):
-        np.testing.assert_allclose(
-            CorrectedArm(two, order).rigid_torque(body, motion), expected, atol=1e-8
-        )
-    assert np.abs(expected - torque).max() > 1e-3 * np.abs(torque).max()
 
 
 def test_encoders_on_the_joints_see_the_links_themselves(

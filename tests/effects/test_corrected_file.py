@@ -291,18 +291,6 @@ def moving(n: int) -> Motion:
     )
 
 
-def test_it_comes_back_as_it_was_written(tmp_path: Path) -> None:
-    residual, m = network(6), moving(6)
-    write_residual(residual, tmp_path / "residual.npz")
-    found = read_residual(tmp_path / "residual.npz")
-    for a, b in zip(
-        residual.predict(m, m.q),
-        found.predict(m, m.q),
-        strict=True,
-    ):
-        np.testing.assert_array_equal(a, b)
-
-
 def test_corrected_arm_adds_it_and_a_simulator_leaves_it_out(tmp_path: Path) -> None:
     pytest.importorskip("pybullet_data")
     arm, residual = load_nominal_arm("xarm6"), network(6)

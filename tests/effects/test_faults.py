@@ -1,6 +1,5 @@
 """Setup faults made in recordings."""
 
-import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import astuple, replace
 from functools import cache
@@ -17,7 +16,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
-from gapscope.arm.robots import load_nominal_arm, shifted_text
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.setup_faults import (
     FAULTS,
     CoarseReference,
@@ -206,23 +205,6 @@ def test_faults_of_references_need_references(
 ) -> None:
     with pytest.raises(InputError, match="q_ref"):
         _apply(fault, replace(recording, q_ref=None))
-
-
-def test_shifted_inertials() -> None:
-    links = "".join(
-        f'<link name="l{i}"><inertial><mass value="{i}"/></inertial></link>'
-        for i in range(1, 4)
-    )
-    robot = f'<robot name="r"><link name="base"/>{links}</robot>'
-    text = shifted_text(robot, 1)
-    masses = {
-        link.get("name"): link.find("inertial/mass")
-        for link in ET.fromstring(text).iter("link")
-    }
-    values = {
-        name: mass.get("value") for name, mass in masses.items() if mass is not None
-    }
-    assert values == {"l1": "3", "l2": "1", "l3": "2"}
 
 
 IMPOSSIBLE = [

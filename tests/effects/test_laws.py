@@ -6,12 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from arms import ROD, chain
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.known_load import point_mass_parameters
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects import (
@@ -260,38 +258,6 @@ def test_torque_of_a_pendulum(
     )
 
 
-def test_point_mass_parameters() -> None:
-    """2 kg at (1, 2, 3): I = m (c.c E - c c^T) in the order m, mc, Ixx Ixy Iyy Ixz Iyz Izz."""
-    expected = [2, 2, 4, 6, 2 * 13, -2 * 2, 2 * 10, -2 * 3, -2 * 6, 2 * 5]
-    np.testing.assert_allclose(
-        point_mass_parameters(2.0, np.array([1.0, 2.0, 3.0])), expected
-    )
-
-
-@pytest.mark.parametrize("order", [("yaw", "pitch"), ("pitch", "yaw")])
-def test_payload_equals_a_welded_body(
-    two: NominalArm, motion: Motion, order: tuple[str, str]
-) -> None:
-    """Against pinocchio's own model with the mass appended, whatever the order of the columns."""
-    columns = [("yaw", "pitch").index(name) for name in order]
-    arm = NominalArm("two", two.urdf, order)
-    mass, com = 1.7, np.array([0.3, -0.1, 0.2])
-    model = pin.buildModelFromUrdf(str(two.urdf))
-    model.appendBodyToJoint(
-        2, pin.Inertia(mass, com, np.zeros((3, 3))), pin.SE3.Identity()
-    )
-    data = model.createData()
-    rows = zip(motion.q, motion.dq, motion.ddq, strict=True)
-    welded = np.array([pin.rnea(model, data, *row) for row in rows])[:, columns]
-    seen = Motion(
-        motion.t, motion.q[:, columns], motion.dq[:, columns], motion.ddq[:, columns]
-    )
-    load = AppliedEffect("payload", (), {"mass": mass, "com": com})
-    np.testing.assert_allclose(
-        CorrectedArm(arm, (load,)).predict(RigidBody(arm), seen), welded, atol=1e-9
-    )
-
-
 # Presliding: dry friction that builds up over a distance after each reversal.
 
 
@@ -303,22 +269,22 @@ def direction(path: np.ndarray, distance: float) -> np.ndarray:
     return friction_direction(q, np.gradient(q, axis=0), np.array([distance]))[:, 0]
 
 
-def test_it_builds_up_exponentially_with_the_distance_travelled() -> None:
-    # a tenth of a second of rest before
-    path = np.concatenate([np.zeros(10), np.linspace(0.0, 5e-4, 77)])
-    np.testing.assert_allclose(direction(path, 1e-4), 1 - np.exp(-path / 1e-4))
-
-
-def test_a_reversal_begins_where_the_state_was() -> None:
+# a tenth of a second of rest before
+THERE = np.concatenate([np.zeros(10), np.linspace(0.0, 5e-4, 77)])
+BACK = np.concatenate([np.linspace(0.0, 1.0, 50), np.linspace(1.0, 1.0 - 2e-4, 50)])
+RESTS = np.concatenate([np.zeros(9), np.linspace(0, 1e-4, 20), np.full(90, 1e-4)])
+BUILT_UP = {
+    "exponentially with the distance": (THERE, 0, 1 - np.exp(-THERE / 1e-4)),
     # from s = 1 backwards: s = -1 + 2 exp(-x / z)
-    there, back = np.linspace(0.0, 1.0, 50), np.linspace(1.0, 1.0 - 2e-4, 50)
-    state = direction(np.concatenate([there, back]), 1e-4)[50:]
-    np.testing.assert_allclose(state, -1 + 2 * np.exp(-(1.0 - back) / 1e-4), atol=1e-12)
+    "from where the state was": (BACK, 50, -1 + 2 * np.exp(-(1.0 - BACK[50:]) / 1e-4)),
+    "not at rest": (RESTS, 29, np.full(90, 1 - np.exp(-1.0))),
+}
 
 
-def test_at_rest_it_keeps_its_value() -> None:
-    path = np.concatenate([np.zeros(9), np.linspace(0, 1e-4, 20), np.full(90, 1e-4)])
-    np.testing.assert_allclose(direction(path, 1e-4)[29:], 1 - np.exp(-1.0))
+@pytest.mark.parametrize("how", BUILT_UP)
+def test_friction_builds_up(how: str) -> None:
+    path, start, expected = BUILT_UP[how]
+    np.testing.assert_allclose(direction(path, 1e-4)[start:], expected, atol=1e-12)
 
 
 def test_steps_between_the_same_places_do_not_matter() -> None:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import Link
+from arms import written as written_arm
+from sweeps import nightly
 from test_inspect_logs import drafted
 
 from gapscope.arm.case import load_case
@@ -64,9 +68,32 @@ LAYOUTS = {
 }
 
 
-@pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("delimiter", [",", "  "])
+def taken(found: Inspection) -> dict[str, list[int]]:
+    """Numbers of the columns that were taken for each channel."""
+    return {
+        name: [int(number) for number in guess.group.names]
+        for name, (_, guess) in found.chosen.items()
+    }
+
+
+def in_a_row(names: Iterable[str]) -> dict[str, list[int]]:
+    """Numbers of the columns of blocks of seven joints, and of a time."""
+    out, first = {}, 1
+    for name in names:
+        if name != "t":
+            out[name] = list(range(first, first + 7))
+        first += 1 if name == "t" else 7
+    return out
+
+
+FORMS = [(layout, known, ",") for layout in LAYOUTS for known in (True, False)]
+BY_SPACES = [(layout, known, "  ") for layout, known, _ in FORMS]
+
+
+@pytest.mark.parametrize(
+    ("layout", "known", "delimiter"),
+    [*FORMS, BY_SPACES[0], *(nightly(*form) for form in BY_SPACES[1:])],
+)
 def test_blocks_are_told_by_their_values(
     layout: str,
     known: bool,
@@ -79,14 +106,7 @@ def test_blocks_are_told_by_their_values(
     table = np.hstack([moved[name] for name in names])
     files = written(tmp_path, table, delimiter=delimiter)
     found = inspected(files, arm if known else None)
-    first = 1
-    for name in names:
-        count = moved[name].shape[1]
-        if name != "t":
-            numbers = [str(first + j) for j in range(count)]
-            assert list(found.chosen[name][1].group.names) == numbers, name
-        first += count
-    assert set(found.chosen) == set(names) - {"t"}
+    assert taken(found) == in_a_row(names)
     if known:
         read = load_case(drafted(found, tmp_path)).recordings[0]
         np.testing.assert_allclose(read.q, moved["q"], atol=1e-8)
@@ -100,9 +120,10 @@ def test_one_joint_after_the_other(known, arm, moved, tmp_path):
     series = np.stack([moved[name] for name in ("q", "dq", "tau")], axis=2)
     table = np.hstack([moved["t"], series.reshape(len(series), -1)])
     found = inspected(written(tmp_path, table), arm if known else None)
-    for offset, name in enumerate(("q", "dq", "tau")):
-        numbers = [str(2 + offset + 3 * j) for j in range(arm.n_joints)]
-        assert list(found.chosen[name][1].group.names) == numbers
+    assert taken(found) == {
+        name: list(range(first, first + 21, 3))
+        for first, name in enumerate(("q", "dq", "tau"), 2)
+    }
 
 
 def test_joints_that_stand_still_belong_to_their_block(arm, moved, tmp_path):
@@ -110,15 +131,14 @@ def test_joints_that_stand_still_belong_to_their_block(arm, moved, tmp_path):
     q[:, [0, 5, 6]], dq[:, [0, 5, 6]] = 0.2, 0.0
     table = np.hstack([moved["t"], moved["tau"], q, dq])
     found = inspected(written(tmp_path, table), arm)
-    numbers = [str(9 + j) for j in range(7)]
-    assert list(found.chosen["q"][1].group.names) == numbers
+    assert taken(found)["q"] == list(range(9, 16))
 
 
 def test_a_torque_that_gravity_explains_is_taken_first(arm, moved, tmp_path):
     other = np.random.default_rng(2).standard_normal(moved["tau"].shape)
     table = np.hstack([moved["t"], moved["q"], moved["dq"], other, moved["tau"]])
     found = judge_torques(inspected(written(tmp_path, table), arm))
-    assert found.chosen["tau"][1].group.names[0] == "23"
+    assert taken(found)["tau"][0] == 23
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -154,24 +174,21 @@ def test_lost_rows_and_noise_of_single_rows_do_not_matter(known, arm, moved, tmp
     table[[20, 400], 3] = 1e154
     table[700:760, 1:] = np.nan
     found = inspected(written(tmp_path, table), arm if known else None)
-    first = 2
-    for name in names[1:]:
-        numbers = [str(first + j) for j in range(7)]
-        assert list(found.chosen[name][1].group.names) == numbers, name
-        first += 7
+    assert taken(found) == in_a_row(names)
 
 
 @pytest.fixture
 def slide(tmp_path: Path) -> NominalArm:
     """A carriage of 95 kg."""
-    urdf = tmp_path / "slide.urdf"
-    urdf.write_text(
-        '<robot name="drive"><link name="base"/><link name="carriage"><inertial><mass value="95"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="slide" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>'
-        '<limit lower="-0.1" upper="0.4" effort="400" velocity="1"/></joint></robot>'
+    carriage = Link(
+        *("slide", "carriage", "1 0 0"),
+        mass=95,
+        com="0 0 0",
+        inertia="1 1 1",
+        limit="-0.1 0.4 400 1",
+        kind="prismatic",
     )
-    return load_nominal_arm(urdf)
+    return load_nominal_arm(written_arm(tmp_path / "slide.urdf", "drive", carriage))
 
 
 @pytest.mark.parametrize(
@@ -194,8 +211,8 @@ def test_names_that_tell_nothing_are_passed_over(names, slide, tmp_path):
         comments="",
     )
     found = judge_torques(inspected([log], slide))
-    taken = {name: guess.group.names for name, (_, guess) in found.chosen.items()}
-    assert taken == {"q": (names[1],), "q_ref": (names[2],), "tau": (names[3],)}
+    chosen = {name: guess.group.names for name, (_, guess) in found.chosen.items()}
+    assert chosen == {"q": (names[1],), "q_ref": (names[2],), "tau": (names[3],)}
     # one joint of another mass or of another unit: the unit is said, to be given by the drive's gain
     (unit,) = (r for r in found.misread if "Torque unit" in r.said)
     factor = float(re.search(r"torque: \{scale: ([0-9.]+)\}", unit.remedy)[1])

@@ -350,7 +350,7 @@ def logged(folder: Path, q: np.ndarray, tau: np.ndarray) -> Path:
     heads = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 8))]
     table, path = (
         np.column_stack([np.arange(len(q)) / RATE, q, tau]),
-        folder / "log.csv",
+        folder / "static.csv",
     )
     np.savetxt(path, table, delimiter=",", header=",".join(heads), comments="")
     return path

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import COULOMB, RATE, Truth, arm, motion, needed, recording, recordings
+from cases import case_of
+from synthetic import COULOMB, Truth, arm, held, motion, recording, recordings
 
-from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
-from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.agreement import (
     AGREES,
@@ -41,7 +40,7 @@ def recorded(truth: Truth, number: int, seed: int = 0) -> Recording:
 
 
 def compared(found: Sequence[Recording]) -> Agreement:
-    return agreement(Case("arm", arm().urdf.parent, arm(), tuple(found)))
+    return agreement(case_of("arm", arm(), *found))
 
 
 def line(found: Agreement, key: str) -> ParameterAgreement:
@@ -50,28 +49,6 @@ def line(found: Agreement, key: str) -> ParameterAgreement:
 
 def differing(found: Agreement) -> list[str]:
     return [one.key for one in found.having(DIFFERS)]
-
-
-@dataclass(frozen=True)
-class Held:
-    """A motion with one joint, from 0, held still."""
-
-    moved: Fourier
-    joint: int
-
-    def _held(self, series: np.ndarray, value: float) -> np.ndarray:
-        out = np.array(series)
-        out[:, self.joint] = value
-        return out
-
-    def position(self, t: np.ndarray) -> np.ndarray:
-        return self._held(self.moved.position(t), 0.4)
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        return self._held(self.moved.velocity(t), 0.0)
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        return self._held(self.moved.acceleration(t), 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -140,23 +117,18 @@ def test_friction_that_falls_with_temperature_goes_with_it() -> None:
     assert "as warm as recording_2.csv" in entry["settled_by"]
 
 
-class TestLoad:
-    LOADED = Truth(mass=1.5, com=(0.2, 0.0, 0.05))
+LOADED = Truth(mass=1.5, com=(0.2, 0.0, 0.05))
 
-    def test_a_load_in_one_recording_is_a_load(self) -> None:
-        loads = (Truth(), Truth(), self.LOADED)
-        result = compared([recorded(truth, k) for k, truth in enumerate(loads)])
-        assert differing(result) == ["load"]
-        one = line(result, "load")
-        assert one.value == pytest.approx([0.0, 0.0, 1.5], abs=0.05)
-        settled = document(result)["parameters"][0]["settled_by"]
-        assert settled.startswith("repeat recording_2.csv with the empty flange")
 
-    def test_a_load_that_is_known_agrees(self) -> None:
-        loaded = recorded(self.LOADED, 2)
-        known = replace(loaded, payload=KnownLoad(1.5, (0.2, 0.0, 0.05)))
-        result = compared([recorded(Truth(), 0), recorded(Truth(), 1), known])
-        assert differing(result) == []
+def test_a_load_in_one_recording_is_a_load_unless_it_is_known() -> None:
+    empty, loaded = [recorded(Truth(), k) for k in (0, 1)], recorded(LOADED, 2)
+    result = compared([*empty, loaded])
+    assert differing(result) == ["load"]
+    assert line(result, "load").value == pytest.approx([0.0, 0.0, 1.5], abs=0.05)
+    settled = document(result)["parameters"][0]["settled_by"]
+    assert settled.startswith("repeat recording_2.csv with the empty flange")
+    known = replace(loaded, payload=KnownLoad(1.5, (0.2, 0.0, 0.05)))
+    assert differing(compared([*empty, known])) == []
 
 
 def test_another_torque_constant_is_a_gain() -> None:
@@ -169,11 +141,8 @@ def test_another_torque_constant_is_a_gain() -> None:
 
 
 def test_a_joint_that_rests_is_not_determined() -> None:
-    held = Held(motion(2, FREQUENCIES[2], 8.0), 2)
-    t = np.arange(round(8.0 * RATE) + 1) / RATE
-    torque = needed(Truth(), held, t)
-    torque += 0.1 * np.random.default_rng(5).standard_normal(torque.shape)
-    still = Recording("still.csv", t, held.position(t), torque)
+    moved = held(motion(2, FREQUENCIES[2], 8.0), 3)
+    still = recording(Truth(), moved, np.random.default_rng(5), "still.csv")
     result = compared([recorded(Truth(), 0), still])
     assert differing(result) == []
     for key in ("c3", "b3", "gain3"):

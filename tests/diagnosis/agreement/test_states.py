@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import case_of
 from synthetic import Truth, arm, motion, recording
 
 import gapscope
 from gapscope.arm.case import Case
-from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.wording import verdict_sentence
 from gapscope.interface.diagnose import DiagnosisResult
@@ -25,7 +25,7 @@ def case(*truths: Truth) -> Case:
         recording(truth, motion(k, 0.1 + 0.05 * k, 8.0), rng, f"recording_{k}.csv")
         for k, truth in enumerate(truths)
     )
-    return Case("tools", arm().urdf.parent, arm(), found)
+    return case_of("tools", arm(), *found)
 
 
 def left(result: DiagnosisResult, name: str) -> float:
@@ -82,14 +82,6 @@ def test_a_reference_tells_the_load_of_each_recording() -> None:
     validate(dict(result.document))
     for made in result.case.recordings:
         assert left(result, made.name) < 0.1
-
-
-@pytest.mark.nightly
-def test_recordings_that_share_a_state_need_no_sentence() -> None:
-    document = diagnose(case(LOAD, LOAD)).document
-    assert document["states"]["shared"] and document["states"]["differs"] == []
-    assert "share a state" not in verdict_sentence(document)
-    assert [effect["effect"] for effect in document["effects"]] == ["payload"]
 
 
 @pytest.mark.nightly

@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import synthetic
 
 from gapscope.arm.case import Case
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, attempt, replay_gap
-from gapscope.diagnosis.diagnose import examine
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa
@@ -102,19 +100,3 @@ def test_time_is_bounded(case: Case) -> None:
     assert case.controller is not None
     fast = replace(case, controller=replace(case.controller, rate=REPLAYED_TICKS / 0.5))
     assert "0.5 s" in replayed(fast).warnings[0]
-
-
-def test_what_values_were_not_fitted_to_is_replayed() -> None:
-    aside, last = (
-        examine(synthetic.case(judged=judged, duration=6.0)).replayed.motion
-        for judged in (True, False)
-    )
-    assert (aside.recording, last.recording) == ("judged.csv", "recording_2.csv")
-
-
-def test_of_one_recording_its_last_part_is_replayed() -> None:
-    several = synthetic.case()
-    whole = several.recordings[0]
-    part = examine(replace(several, recordings=(whole,))).replayed.motion
-    assert part.t[0] > 0.7 * whole.duration
-    assert part.t[-1] == pytest.approx(whole.t[-1], abs=0.5)

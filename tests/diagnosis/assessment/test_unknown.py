@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 
 from gapscope.diagnosis.assessment.unknown import (
-    Folds,
     Predictable,
     Unknown,
     Variable,
-    amplitudes,
     curve_of,
-    predict_held_out,
     predict_oscillation,
     unknown,
 )
@@ -231,100 +228,17 @@ def test_it_is_in_the_document_and_in_the_report(tmp_path) -> None:
     )
 
 
-# Ridge regression over folds: what holds on all folds is predicted, what holds on one alone is not.
-
-
-X = np.tile(np.linspace(-1.0, 1.0, 50), 3)[:, None]
-FOLD = np.repeat([0, 1, 2], 50)
-ALL = np.ones(150, dtype=bool)
-
-
-def test_a_line_is_predicted_from_the_other_folds() -> None:
-    y = 2.0 * X[:, 0]
-    predicted = predict_held_out(X, y, Folds(FOLD, ALL))
-    np.testing.assert_allclose(predicted, y, atol=2e-3)
-
-
-def test_a_slope_that_differs_on_every_fold_is_not() -> None:
-    """Slopes 1, -1 and 0: whatever two folds say, the third knows nothing of it."""
-    y = X[:, 0] * np.array([1.0, -1.0, 0.0])[FOLD]
-    assert not predict_held_out(X, y, Folds(FOLD, ALL)).any()
-
-
-def test_rows_that_may_not_be_fitted_are_predicted_but_teach_nothing() -> None:
-    wrong = np.arange(150) % 2 == 0
-    y = np.where(wrong, 2.0 * X[:, 0] + 0.1, 2.0 * X[:, 0])
-    fitted = predict_held_out(X, y, Folds(FOLD, ~wrong))
-    np.testing.assert_allclose(fitted, 2.0 * X[:, 0], atol=2e-3)
-
-
-# Curves of a gap over one variable: hat functions, knots and smoothness.
-
-
-SPREAD = Variable("velocity", "rad/s", np.linspace(-1.0, 1.0, 400) ** 3)
-
-
-def test_hats_interpolate_and_add_up_to_one() -> None:
-    hats = SPREAD.hats()
-    np.testing.assert_allclose(hats.sum(axis=1), 1.0)
-    np.testing.assert_allclose(hats @ SPREAD.knots, SPREAD.values, atol=1e-12)
-
-
-def test_a_straight_gap_gives_a_straight_curve() -> None:
-    """Second differences are held small, and those of a line over even knots are zero."""
-    even = Variable("load", "N m", np.linspace(0.0, 8.0, 400))
-    curve = curve_of(even, 3.0 * even.values + 1.0, np.ones(400))
-    np.testing.assert_allclose(curve.y, 3.0 * curve.x + 1.0, rtol=1e-4)
-    assert (curve.variable, curve.unit) == ("load", "N m")
-
-
-def test_a_direction_has_three_knots() -> None:
-    direction = Variable("direction", "1", np.repeat([-1.0, 1.0], 50))
-    curve = curve_of(direction, 0.5 * direction.values, np.ones(100))
-    assert curve.x.tolist() == [-1.0, 0.0, 1.0]
-    assert curve.y == pytest.approx([-0.5, 0.0, 0.5], abs=0.02)
-
-
 def test_a_variable_that_stands_still_has_a_curve() -> None:
     still = Variable("position", "rad", np.full(30, 2.0))
     assert still.knots.tolist() == [1.0, 3.0]
     assert np.isfinite(curve_of(still, np.ones(30), np.ones(30)).y).all()
 
 
-# An oscillation at one frequency: predicted on the other half of its recording, with its amplitude.
-
-
 T = np.arange(0.0, 20.0, 0.02)
 SEGMENT = np.zeros(len(T), dtype=int)
-HALF = (T >= 10.0).astype(int)
-
-
-def oscillation(gap: np.ndarray, fold: np.ndarray) -> np.ndarray:
-    """What is predicted of the gap of one joint."""
-    series, weight = gap[:, None], np.ones((len(T), 1))
-    return predict_oscillation(T, series, weight, SEGMENT, fold)[:, 0]
-
-
-def test_each_half_is_predicted_from_the_other() -> None:
-    gap = 0.5 * np.sin(2 * np.pi * 3.0 * T + 0.7)
-    predicted = oscillation(gap, HALF)
-    assert np.std(gap - predicted) < 0.2 * np.std(gap)  # frequencies are tried in steps
-
-
-def test_a_phase_that_jumps_between_the_halves_is_not() -> None:
-    gap = np.sin(2 * np.pi * 3.0 * T + np.pi * HALF)
-    predicted = oscillation(gap, HALF)
-    assert np.std(gap - predicted) > np.std(gap)
 
 
 def test_a_recording_without_a_rest_is_predicted_as_zero() -> None:
     gap = np.sin(2 * np.pi * 3.0 * T)
-    assert not oscillation(gap, SEGMENT).any()
-
-
-def test_amplitudes_are_root_mean_squares_over_recordings() -> None:
-    """3 and 1 on two recordings alike in length: sqrt((9 + 1) / 2)."""
-    segment = HALF
-    gap = np.where(segment == 0, 3.0, 1.0) * np.sin(2 * np.pi * 3.0 * T)
-    (on, off) = amplitudes(T, gap, segment, np.array([3.0, 6.0]))
-    assert on == pytest.approx(np.sqrt(5.0), rel=1e-3) and off < 1e-3
+    ones = np.ones((len(T), 1))
+    assert not predict_oscillation(T, gap[:, None], ones, SEGMENT, SEGMENT).any()

@@ -15,6 +15,7 @@ from cases import case_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
+from sweeps import daily
 from synthetic import Truth, arm, recordings
 
 from gapscope.arm.errors import InputError
@@ -350,7 +351,7 @@ def test_units_and_zero_do_not_matter() -> None:
     assert (scaled.position, scaled.p) == pytest.approx((plain.position, plain.p))
 
 
-@pytest.mark.parametrize("n", [3, 12, 50])
+@pytest.mark.parametrize("n", daily((3, 12, 50), 12))
 def test_false_alarms_are_no_more_than_stated(n: int) -> None:
     rng, count = np.random.default_rng(n), 1500
     p = np.empty(count)

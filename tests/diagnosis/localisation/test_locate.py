@@ -138,6 +138,7 @@ def test_two_contacts_are_two_intervals() -> None:
     np.testing.assert_allclose(told, [(3.0, 4.5), (9.0, 10.0)], atol=0.3)
 
 
+@pytest.mark.nightly
 def test_a_slow_gap_that_comes_and_goes_seldom_has_a_start() -> None:
     told = 0
     for seed in range(20):

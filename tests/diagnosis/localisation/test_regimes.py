@@ -9,7 +9,6 @@ import pytest
 import synthetic
 from scipy.signal import butter, sosfiltfilt
 
-from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.locate import MotionRows, Region, regions
 from gapscope.diagnosis.thresholds import REGION_ENRICHMENT, REGION_SHARE
 
@@ -142,9 +141,8 @@ def a_cable_at_one_place(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.nda
 
 @pytest.mark.nightly
 def test_the_first_regions_of_a_diagnosis() -> None:
-    document = diagnose(
-        synthetic.case(synthetic.Truth(extra=extra_friction_at_low_speed), seed=3)
-    ).document
+    truth = synthetic.Truth(extra=extra_friction_at_low_speed)
+    document = synthetic.diagnosed(truth, seed=3).document
     first = document["where"][0]
     assert (
         first["joint"] == 2
@@ -154,9 +152,8 @@ def test_the_first_regions_of_a_diagnosis() -> None:
 
 
 def test_a_rule_says_where_a_cable_pulls() -> None:
-    document = diagnose(
-        synthetic.case(synthetic.Truth(extra=a_cable_at_one_place), seed=3)
-    ).document
+    truth = synthetic.Truth(extra=a_cable_at_one_place)
+    document = synthetic.diagnosed(truth, seed=3).document
     assert document["verdict"] == "unexplained"
     for regions_of in (document["where"], document["unexplained"]["where"]):
         first = regions_of[0]

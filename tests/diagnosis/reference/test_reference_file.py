@@ -84,61 +84,60 @@ def test_what_is_written_comes_back_to_the_last_bit(tmp_path):
     }
 
 
-def changed_document(change: Callable[[dict[str, Any]], Any]) -> Callable[[Path], None]:
-    def apply(folder: Path) -> None:
-        path = folder / "reference.json"
-        content = json.loads(path.read_text())
+def gone(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+
+
+def cut(folder: Path, name: str) -> None:
+    (folder / name).write_bytes((folder / name).read_bytes()[:100])
+
+
+def edited(change: Callable[[dict[str, Any]], Any]) -> Callable[[Path, str], None]:
+    """Changes a document."""
+
+    def apply(folder: Path, name: str) -> None:
+        content = json.loads((folder / name).read_text())
         change(content)
-        path.write_text(json.dumps(content))
+        (folder / name).write_text(json.dumps(content))
 
     return apply
 
 
-def half_arrays(folder: Path) -> None:
-    path = folder / "reference.npz"
-    path.write_bytes(path.read_bytes()[:100])
+DOCUMENT, ARRAYS, ROBOT = "reference.json", "reference.npz", "identified.urdf"
+DAMAGED = [
+    (DOCUMENT, gone, "reference.json: is missing.*end"),
+    (DOCUMENT, cut, "is not valid JSON"),
+    (ARRAYS, gone, "reference.npz: no such file"),
+    (ARRAYS, cut, "reference.npz, field files.reference.npz"),
+    (ROBOT, gone, "identified.urdf: no such file"),
+    (ROBOT, cut, "field files.identified.urdf of reference.json: is not the"),
+    (DOCUMENT, edited(lambda c: c.update(schema=1)), "field schema: is of schema 1"),
+    (DOCUMENT, edited(lambda c: c.pop("coulomb")), "'coulomb' is a required"),
+    (
+        DOCUMENT,
+        edited(lambda c: c["coulomb"].pop()),
+        "field coulomb: has 2 numbers, the arm has 3 joints",
+    ),
+    (
+        DOCUMENT,
+        edited(lambda c: c["recordings"][0].update(samples=49)),
+        r"reference.npz, t1: expected finite numbers of shape \(49,\)",
+    ),
+    (
+        DOCUMENT,
+        edited(lambda c: c["recordings"][1]["payload"].update(mass=-1.0)),
+        "field recordings.1.payload.mass: -1.0",
+    ),
+    (DOCUMENT, edited(lambda c: c["faults"].append("late")), "faults.2: 'late'"),
+]
 
 
-@pytest.mark.parametrize(
-    ("damage", "says"),
-    [
-        (lambda f: (f / "reference.json").unlink(), "reference.json: is missing.*end"),
-        (lambda f: (f / "reference.npz").unlink(), "reference.npz: no such file"),
-        (lambda f: (f / "identified.urdf").unlink(), "identified.urdf: no such file"),
-        (half_arrays, "reference.npz, field files.reference.npz"),
-        (
-            lambda f: (f / "identified.urdf").write_text("<robot/>"),
-            "identified.urdf, field files.identified.urdf of reference.json: is not the",
-        ),
-        (lambda f: (f / "reference.json").write_text("{"), "is not valid JSON"),
-        (
-            changed_document(lambda c: c.update(schema=1)),
-            "field schema: is of schema 1",
-        ),
-        (changed_document(lambda c: c.pop("coulomb")), "'coulomb' is a required"),
-        (
-            changed_document(lambda c: c["coulomb"].pop()),
-            "field coulomb: has 2 numbers, the arm has 3 joints",
-        ),
-        (
-            changed_document(lambda c: c["recordings"][0].update(samples=49)),
-            "reference.npz, t1: expected finite numbers of shape \\(49,\\)",
-        ),
-        (
-            changed_document(lambda c: c["recordings"][1]["payload"].update(mass=-1.0)),
-            "field recordings.1.payload.mass: -1.0",
-        ),
-        (
-            changed_document(lambda c: c["faults"].append("late")),
-            "field faults.2: 'late'",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("name", "damage", "says"), DAMAGED)
 def test_what_is_not_whole_is_refused_with_file_field_and_remedy(
-    damage, says, tmp_path
+    name, damage, says, tmp_path
 ):
     write_reference(reference(), tmp_path)
-    damage(tmp_path)
+    damage(tmp_path, name)
     folder = identified_folder(tmp_path)
     assert folder == tmp_path
     with pytest.raises(InputError, match=says) as error:

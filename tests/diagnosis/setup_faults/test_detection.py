@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import synthetic
+from cases import each
 from fault_examples import FAULTS, found_as
-from sweeps import daily, nightly
+from sweeps import daily
 from synthetic import Truth
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
+from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_search import looks_late
-from gapscope.diagnosis.setup_faults.found_fault import repaired
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.setup_faults import (
     Fault,
@@ -58,6 +60,7 @@ ORDINARY = {
 }
 
 NIGHTLY = {
+    "on a wall",
     "torque read 40 % high",
     "torque read 40 % low",
     "triple viscous friction",
@@ -78,6 +81,7 @@ NIGHTLY = {
     "zero off by 60 degrees",
     "a command times four",
     "jitter",
+    "a load far off the axis",
 }
 """More of what others of the lists have: another joint, another size, another cause that looks alike."""
 
@@ -98,43 +102,57 @@ def spoilt(case: Case, fault: Fault) -> Case:
     return fault.in_case(case, np.random.default_rng(0), case.arm)
 
 
-@pytest.mark.parametrize("label", labels(ORDINARY))
-def test_ordinary_effects_are_no_setup_fault(label: str) -> None:
-    assert find_setup_faults(sound(label)) == ()
+def without_friction() -> Case:
+    """Unknown friction in the data sheet."""
+    case, zeros = sound("healthy"), np.zeros(synthetic.N)
+    return replace(case, arm=replace(case.arm, coulomb=zeros, viscous=zeros))
 
 
-def test_unknown_friction_and_wrong_inertials_are_no_setup_fault(
-    tmp_path: Path,
-) -> None:
+def poor_inertials() -> Case:
+    """A heavier link, and another whose centre lies 2 cm off."""
     case = sound("healthy")
-    zeros = np.zeros(synthetic.N)
-    assert (
-        find_setup_faults(
-            replace(case, arm=replace(case.arm, coulomb=zeros, viscous=zeros))
-        )
-        == ()
-    )
-    urdf = tmp_path / "robot.urdf"
-    urdf.write_text(
-        synthetic.URDF.replace('mass value="5"', 'mass value="5.6"').replace(
-            '"0.15 0.03', '"0.13 0.03'
-        )
-    )
-    assert find_setup_faults(replace(case, arm=replace(case.arm, urdf=urdf))) == ()
+    urdf = case.arm.urdf.with_name("poor.urdf")
+    text = synthetic.URDF.replace('mass value="5"', 'mass value="5.6"')
+    urdf.write_text(text.replace('"0.15 0.03', '"0.13 0.03'))
+    return replace(case, arm=replace(case.arm, urdf=urdf))
 
 
-HUNG = Truth(tilt=(np.pi, 0.0))
-ON_A_WALL = Truth(tilt=(np.pi / 2, 0.0))
+def taken_unevenly() -> Case:
+    """Samples taken at uneven times and stamped rightly."""
+    truth, rng, recordings = Truth(), np.random.default_rng(0), []
+    for k, recording in enumerate(synthetic.recordings(truth, 3)):
+        jitter = np.clip(rng.standard_normal(len(recording.t)), -3, 3)
+        t = recording.t + 0.15 / synthetic.RATE * jitter
+        path = synthetic.motion(30 + k, (0.1, 0.2, 0.3)[k], 8.0)
+        tau = synthetic.needed(truth, path, t)
+        recordings.append(replace(recording, t=t, q=path.position(t), tau=tau))
+    return replace(sound("healthy"), recordings=tuple(recordings))
 
 
-@pytest.mark.parametrize(
-    "truth",
-    [HUNG, nightly(ON_A_WALL)],
-    ids=["hung", "on a wall"],
-)
-def test_an_arm_that_is_mounted_otherwise_has_no_torque_turned(truth: Truth) -> None:
-    """Gravity turned looks like all torques turned, but friction then keeps its sign."""
-    assert find_setup_faults(synthetic.case(truth, seed=3)) == ()
+def load_off_the_axis() -> Case:
+    """Load, torque constant and dry friction made right inertials look extraordinary."""
+    rng, arm = np.random.default_rng((16, 0, 5)), iiwa()
+    drawn = Randomisation(HIDDEN, count=(3, 3), severity=(1.5, 1.5))
+    effects = draw_effects(rng, arm, drawn, ArmScale.of(arm))
+    assert {e.name for e in effects} == {"coulomb_friction", "payload", "torque_scale"}
+    return record_case("loaded", arm, effects, Plan(), rng)
+
+
+NO_FAULT: dict[str, Callable[[], Case]] = {
+    **{label: partial(sound, label) for label in ORDINARY},
+    "friction unknown": without_friction,
+    "inertials off": poor_inertials,
+    # gravity turned looks like all torques turned, but friction then keeps its sign
+    "hung": lambda: synthetic.case(Truth(tilt=(np.pi, 0.0)), seed=3),
+    "on a wall": lambda: synthetic.case(Truth(tilt=(np.pi / 2, 0.0)), seed=3),
+    "uneven samples": taken_unevenly,
+    "a load far off the axis": load_off_the_axis,
+}
+
+
+@pytest.mark.parametrize("label", labels(NO_FAULT))
+def test_a_right_set_up_has_no_fault(label: str) -> None:
+    assert find_setup_faults(NO_FAULT[label]()) == ()
 
 
 @pytest.mark.parametrize("placeholder", daily((0.0, 20.0), 20.0))
@@ -148,12 +166,8 @@ def test_all_torques_turned_are_found_whatever_friction_the_data_sheet_claims(
     }
     claimed = replace(case, arm=replace(case.arm, **friction))
     assert find_setup_faults(claimed) == ()
-    (found,) = find_setup_faults(spoilt(claimed, SignFlip((1, 2, 3))))
-    assert (found.name, found.joints, found.variant) == (
-        "sign_flip",
-        (1, 2, 3),
-        "torque",
-    )
+    found = found_in(SignFlip((1, 2, 3)), claimed)
+    assert found.fault == SignFlip((1, 2, 3))
     # an arm that hangs is the alternative, and a bad one where friction shows
     assert sum(p for other, p in found.others if other.name == "base_tilt") < 0.05
 
@@ -162,7 +176,7 @@ def test_all_torques_turned_are_found_whatever_friction_the_data_sheet_claims(
 def test_a_unit_of_torque_is_a_power_of_ten(unit: float) -> None:
     """What friction or a load adds to the nominal torque is no part of the unit."""
     milli = TorqueUnit("current", factor=(unit, unit, unit))
-    (found,) = find_setup_faults(spoilt(sound("healthy"), milli))
+    found = found_in(milli)
     assert found.name == "torque_unit"
     assert found.fault.values()["factor"] == (unit,) * 3
 
@@ -211,68 +225,54 @@ BESIDE = ("torque turned", "joints exchanged", "a joint in degrees", "repeats")
     ],
 )
 def test_fault_is_found_beside_an_ordinary_effect(label: str, ordinary: str) -> None:
-    (found,) = find_setup_faults(spoilt(sound(ordinary), FAULTS[label]))
+    found = found_in(FAULTS[label], sound(ordinary))
     assert (found.name, found.variant, found.joints) == found_as(label)
 
 
+def found_in(fault: Fault, case: Case | None = None) -> FoundFault:
+    """The one fault that is found in a case that has it."""
+    (found,) = find_setup_faults(spoilt(case or sound("healthy"), fault))
+    return found
+
+
 def test_values_come_with_their_deviations() -> None:
-    (found,) = find_setup_faults(
-        spoilt(sound("healthy"), UnitMismatch("motor_side", (2,), 80.0))
-    )
+    found = found_in(UnitMismatch("motor_side", (2,), 80.0))
     (ratio,), (std,) = found.fault.values()["ratio"], found.std["ratio"]
     assert abs(ratio - 80.0) < max(3 * std, 4.0)
-    (found,) = find_setup_faults(spoilt(sound("healthy"), TimeStamps("repeats", 0.06)))
+    found = found_in(TimeStamps("repeats", 0.06))
     assert abs(found.fault.values()["amount"][0] - 0.06) < 0.01
     assert found.document()["variant"] == "repeats"
     assert set(found.document()["parameters"]["amount"]) == {"unit", "value", "std"}
 
 
-def test_a_load_far_off_the_axis_is_not_taken_for_inertials_on_the_wrong_links() -> (
-    None
-):
-    """Seen on a simulated arm: load, torque constant and dry friction made its right inertials look extraordinary."""
-    rng, arm = np.random.default_rng((16, 0, 5)), iiwa()
-    effects = draw_effects(
-        rng,
-        arm,
-        Randomisation(HIDDEN, count=(3, 3), severity=(1.5, 1.5)),
-        ArmScale.of(arm),
-    )
-    assert {e.name for e in effects} == {"coulomb_friction", "payload", "torque_scale"}
-    case = record_case("loaded", arm, effects, Plan(), rng)
-    assert find_setup_faults(case) == ()
-
-
 def test_one_gear_ratio_for_all_joints_is_found_as_one() -> None:
-    (found,) = find_setup_faults(
-        spoilt(sound("healthy"), UnitMismatch("motor_side", (), 120.0))
-    )
-    ratios = found.fault.values()["ratio"]
+    ratios = found_in(UnitMismatch("motor_side", (), 120.0)).fault.values()["ratio"]
     assert len(set(ratios)) == 1 and ratios[0] == pytest.approx(120.0, rel=0.02)
 
 
 def test_gear_ratios_of_their_own_are_told_apart() -> None:
     """Wide errors of an arm may not stand in for a wrong ratio: the nominal arm fits the recordings as read."""
     case = sound("healthy")
-    for joint, ratio in ((1, 50.0), (2, 100.0), (3, 160.0)):
+    for joint, ratio in ((1, 50.0), (2, 100.0)):
         case = spoilt(case, UnitMismatch("motor_side", (joint,), ratio))
-    (found,) = find_setup_faults(case)
-    assert found.fault.values()["ratio"] == pytest.approx(
-        (50.0, 100.0, 160.0), rel=0.05
-    )
+    found = found_in(UnitMismatch("motor_side", (3,), 160.0), case)
+    ratios = found.fault.values()["ratio"]
+    assert ratios == pytest.approx((50.0, 100.0, 160.0), rel=0.05)
     assert found.gap_after is not None and found.gap_after.max() < 0.06
 
 
-def test_recorded_velocities_tell_a_wrong_rate() -> None:
-    case = sound("healthy")
-    moving = replace(
-        case,
-        recordings=tuple(
-            replace(r, dq=np.gradient(r.q, r.t, axis=0)) for r in case.recordings
-        ),
+def with_velocities(unit: float = 1.0) -> Case:
+    """The sound case with velocities in a unit [rad/s]."""
+    return each(
+        sound("healthy"),
+        lambda r: replace(r, dq=unit * np.gradient(r.q, r.t, axis=0)),
     )
+
+
+def test_recorded_velocities_tell_a_wrong_rate() -> None:
+    moving = with_velocities()
     assert find_setup_faults(moving) == ()
-    (found,) = find_setup_faults(spoilt(moving, TimeStamps("wrong_rate", 0.9)))
+    found = found_in(TimeStamps("wrong_rate", 0.9), moving)
     assert found.variant == "wrong_rate"
     assert found.fault.values()["amount"][0] == pytest.approx(0.9, rel=0.01)
 
@@ -289,30 +289,8 @@ def test_units_of_positions_and_velocities_that_do_not_fit(
     unit: float, reason: str
 ) -> None:
     """By the velocities alone the rate would be wrong."""
-    case = sound("healthy")
-    moving = tuple(
-        replace(r, dq=unit * np.gradient(r.q, r.t, axis=0)) for r in case.recordings
-    )
     with pytest.raises(InputError, match=reason):
-        find_setup_faults(replace(case, recordings=moving))
-
-
-def test_samples_taken_at_uneven_times_are_stamped_rightly() -> None:
-    truth, rng = Truth(), np.random.default_rng(0)
-    recordings = []
-    for k, recording in enumerate(synthetic.recordings(truth, 3)):
-        t = recording.t + 0.15 / synthetic.RATE * np.clip(
-            rng.standard_normal(len(recording.t)), -3, 3
-        )
-        path = synthetic.motion(30 + k, (0.1, 0.2, 0.3)[k], 8.0)
-        recordings.append(
-            replace(
-                recording, t=t, q=path.position(t), tau=synthetic.needed(truth, path, t)
-            )
-        )
-    assert (
-        find_setup_faults(replace(sound("healthy"), recordings=tuple(recordings))) == ()
-    )
+        find_setup_faults(with_velocities(unit))
 
 
 @pytest.mark.shared_data
@@ -333,13 +311,14 @@ def test_real_arms_have_no_setup_fault(name: str, data_root: Path) -> None:
 
 def late_by(*delays: float) -> Case:
     """A case in which the torque of each joint is late by a time of its own [s]."""
-    case, late = sound("healthy"), []
-    for recording in case.recordings:
-        t, tau = recording.t, np.array(recording.tau)
-        for joint, delay in enumerate(delays):
-            tau[:, joint] = np.interp(t - delay, t, tau[:, joint])
-        late.append(replace(recording, tau=tau))
-    return replace(case, recordings=tuple(late))
+
+    def late(r: Recording) -> Recording:
+        series = zip(delays, np.transpose(r.tau), strict=True)
+        return replace(
+            r, tau=np.stack([np.interp(r.t - x, r.t, tau) for x, tau in series], axis=1)
+        )
+
+    return each(sound("healthy"), late)
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import tempfile
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 import synthetic
+from sweeps import nightly
 from synthetic import arm
 
 from gapscope.arm.case import Case, load_case
@@ -73,9 +75,15 @@ def rounded(
     return replace(case, recordings=tuple(recordings))
 
 
-@pytest.mark.parametrize("digits", [6, 7])
-@pytest.mark.parametrize("offset", [0.0, 0.01234])
-@pytest.mark.parametrize("step", [2 * np.pi / 2**k for k in (9, 12, 16)])
+STEPS = [2 * np.pi / 2**k for k in (9, 12, 16)]
+WRITTEN = list(product(STEPS, (0.0, 0.01234), (6, 7)))
+"""Steps of encoders [rad], offsets of positions [rad], significant digits of the log."""
+
+
+@pytest.mark.parametrize(
+    ("step", "offset", "digits"),
+    [form if k in (0, 7, 9) else nightly(*form) for k, form in enumerate(WRITTEN)],
+)
 def test_step_is_found(step: float, offset: float, digits: int) -> None:
     (found,) = find_quantization(rounded(synthetic.case(), {2: step}, digits, offset))
     assert found.name == "encoder_quantization" and found.joints == (2,)
