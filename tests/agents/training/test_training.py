@@ -34,7 +34,7 @@ from .conftest import rod, short
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
-SHORT, ROUNDS = short(steps=256), short(steps=256, round_steps=128)
+SHORT = short(steps=256)
 PAYLOAD = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.5, 0.0, 0.0]})
 
 
@@ -136,7 +136,7 @@ def test_the_untrained_agent_does_nothing(
 def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
     task: Task, algorithm: str, tmp_path: Path
 ) -> None:
-    settings = short(algorithm, steps=256, round_steps=128)
+    settings = short(algorithm)
     whole = Training(task, settings, tmp_path / "whole").run()
     Training(task, settings, tmp_path / "parts").run(rounds=1)
     resumed = Training(task, settings, tmp_path / "parts").run()
@@ -146,14 +146,14 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
 
 def test_hidden_effects_do_not_reach_training(arm: NominalArm, tmp_path: Path) -> None:
     for name, hidden in (("none", ()), ("payload", (PAYLOAD,))):
-        Training(Task.of("pd", arm, hidden), ROUNDS, tmp_path / name).run()
+        Training(Task.of("pd", arm, hidden), short(), tmp_path / name).run()
     same(tmp_path / "none", tmp_path / "payload")
 
 
 def test_training_ends_early_for_want_of_improvement(
     task: Task, tmp_path: Path
 ) -> None:
-    settings = short(steps=1024, round_steps=128, patience=1, improvement=1.0)
+    settings = short(steps=2048, patience=1, improvement=1.0)
     trained = Training(task, settings, tmp_path).run()
     assert trained.stopped and len(trained.curve) == 2 and trained.best == 0
 
