@@ -36,7 +36,7 @@ from gapscope.arm.io.plausibility import UNSIGNED
 from gapscope.arm.io.table import numbered
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm, coupling_of_transmission
-from gapscope.arm.recording import Recording
+from gapscope.arm.recording import Recording, slow_words
 from gapscope.arm.robots import load_nominal_arm
 
 # Columns of the case format from arrays in memory.
@@ -123,6 +123,16 @@ class Case:
             tuple(map(change, part)) for part in (self.recordings, self.judged)
         )
         return replace(self, recordings=recordings, judged=judged)
+
+    @property
+    def notes(self) -> list[str]:
+        """What was noticed of each recording, one that is held out too, with its name."""
+        noticed = []
+        for recording in (*self.recordings, *self.judged):
+            slow = "; ".join(filter(None, slow_words(recording)))
+            every = filter(None, (*recording.notes, slow))
+            noticed += [f"{recording.name}: {note}" for note in every]
+        return noticed
 
     @classmethod
     def from_arrays(

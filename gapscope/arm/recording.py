@@ -23,6 +23,9 @@ USUAL_STEP = 0.01
 """Largest difference of a usual step of time from the median step, over it [1]: the resolution of a clock of dates in
 double precision is 0.1 % of the step of a log at 5 kHz."""
 
+SLOW_RATE = 100.0
+"""Below, delays, elasticity and ripple are hardly seen [Hz]. (physical)"""
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -313,6 +316,16 @@ def _usual(lengths: np.ndarray) -> float:
     if not len(rows):
         return 1.0
     return float(ordered[np.searchsorted(rows, MOST * rows[-1])])
+
+
+def slow_words(recording: Recording) -> tuple[str, str]:
+    """What the rate of a recording hides, and what to do; empty at a usual rate."""
+    # as it is shown: 99.9999 Hz is 100 Hz
+    rate = f"{recording.rate:.4g}"
+    if not float(rate) < SLOW_RATE:
+        return "", ""
+    said = f"delays, elasticity and ripple are hardly seen at {rate} Hz"
+    return said, f"log at {SLOW_RATE:g} Hz or more"
 
 
 # Set points of a reference that was recorded at a lower rate than the rest, and the smooth motion through them.

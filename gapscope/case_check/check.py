@@ -20,7 +20,8 @@ from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.io.log import READERS, open_log
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.recording import CHANNELS, STILL, Recording, resting
+from gapscope.arm.recording import CHANNELS, STILL, Recording, resting, slow_words
+from gapscope.diagnosis.document.wording import in_text, with_slide_units
 from gapscope.diagnosis.prepare import Progress, silent, with_torque
 from gapscope.diagnosis.selection.search import could_show
 from gapscope.diagnosis.set_up import Remark, SetUp, look_at_set_up, numbers
@@ -28,7 +29,7 @@ from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.ident.model.base_parameters import random_states, structural_base
 from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import FrictionLaw, ModelColumns
-from gapscope.inspection.inspection import inspect_table
+from gapscope.inspection.inspection import inspect_logs, span_of
 from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
 from gapscope.model_audit.audit import odd_kinds
 
@@ -40,7 +41,6 @@ from gapscope.model_audit.audit import odd_kinds
 # fmt: off
 
 # --- recordings
-SLOW_RATE = 100.0  # Below, delays, elasticity and ripple are hardly seen [Hz]. (physical)
 SHORT_DURATION = 10.0  # Seconds of motion in all, below which little can be told apart [s]. (hand)
 VELOCITY_GAIN = 0.1  # A recorded velocity differs from that of the positions by less than this share [1]. (hand)
 REFERENCE_ERROR = 0.5  # A reference follows the position to this share of the joint's range at least [1]. (hand)
@@ -111,10 +111,11 @@ def check_recordings(case: Case) -> Iterator[Remark]:
     if with_torque or (case.controller is not None and counts["q_ref"]):
         yield _remark("channels", "", said, remedy)
     for recording in every:
-        slow = f"log at {SLOW_RATE:g} Hz or more: delays, elasticity and ripple are hardly seen below"
+        slow, remedy = slow_words(recording)
         said = f"{recording.duration:.1f} s at {recording.rate:.4g} Hz"
-        remedy = slow if recording.rate < SLOW_RATE else ""
-        yield _remark("time", recording.name, said, remedy)
+        yield _remark(
+            "time", recording.name, "; ".join([said, *filter(None, [slow])]), remedy
+        )
         for note in recording.notes:
             yield Remark("warn", "recordings", recording.name, note)
         # joints whose columns are the very same
@@ -463,6 +464,13 @@ def check_case(path: Path, progress: Progress = silent) -> dict[str, Any]:
             expected = _could_show(case, look.faults, remarks)
         except GapscopeError as error:
             remarks.append(_as_remark(error, "torque"))
+    slides = case.arm.sliding if case else ()
+    # of an arm that only slides every text is about slides
+    if slides and all(slides):
+        remarks = [
+            replace(one, said=in_text(one.said), remedy=in_text(one.remedy))
+            for one in remarks
+        ]
     groups = () if case is None else ((False, case.recordings), (True, case.judged))
     recordings = [
         {
@@ -489,7 +497,7 @@ def check_case(path: Path, progress: Progress = silent) -> dict[str, Any]:
         "recordings": recordings,
         "joints": joints,
         "excited": excited,
-        "expected": expected,
+        "expected": with_slide_units({"sizes": expected}, slides)["sizes"],
     }
     result: dict[str, Any] = plain(content, null_if_not_finite=True)
     return result
@@ -532,15 +540,19 @@ def _other_arms(case: Case) -> Iterator[Remark]:
         return
     taken = channel.names(importing.joints or case.arm.joints)
     # logs of one case have the same columns: the first one tells
-    log = open_log(logs[0])
-    for part in log.tables:
-        said = inspect_table(log, part, None).of_another_arm(taken, case.arm.n_joints)
+    try:
+        tables = inspect_logs([open_log(logs[0])], case.arm).tables
+    except InputError:
+        # nothing tells which columns are positions
+        return
+    for table in tables:
+        said = table.of_another_arm(taken, case.arm.n_joints)
         if said:
             yield Remark(
                 "warn",
                 "channels",
                 logs[0].name,
-                f"{said}: {taken[0]} to {taken[-1]} are read",
+                f"{said}; read: {span_of(taken)}",
                 "for the other arm list its columns in import: {q: ..., tau: ...}",
             )
 

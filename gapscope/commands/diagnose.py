@@ -54,8 +54,7 @@ def diagnose(
     with Progress(case.name or str(case)) as progress:
         progress(LOADS)
         from gapscope.many.batch import diagnose_path
-        from gapscope.reports.diagnosis import CASE, CORRECTED
-        from gapscope.reports.mended_case import CASE as MENDED
+        from gapscope.reports.diagnosis import CASE, CORRECTED, actions
 
         result, paths = diagnose_path(case, out, progress, against=against)
     show(result, *paths)
@@ -64,7 +63,7 @@ def diagnose(
             "to predict with what was found: "
             f"gapscope predict {out / CASE} --model {out / CORRECTED} ..."
         )
-    if out / MENDED in paths:
-        say(
-            f"{out / MENDED} reads the recordings right: give it to predict, gap, replay"
-        )
+    for action in actions(result.diagnosis, out):
+        # all else is said above
+        if action.command.startswith("gapscope"):
+            say(f"{action.text.partition(':')[0]}: {action.command}")

@@ -38,7 +38,7 @@ from gapscope.diagnosis.document.plotted_curves import (
     spectrum,
     traces,
 )
-from gapscope.diagnosis.document.wording import misread
+from gapscope.diagnosis.document.wording import another_scale, misread
 from gapscope.diagnosis.gap.repeatability import repeatability
 from gapscope.diagnosis.locate import located as regions_of
 from gapscope.diagnosis.locate import stack
@@ -56,6 +56,7 @@ from gapscope.diagnosis.selection.undeclared_coupling import (
     undeclared_coupling,
 )
 from gapscope.diagnosis.setup_faults.detection import upright
+from gapscope.diagnosis.setup_faults.fault_search import common_factor
 from gapscope.diagnosis.thresholds import (
     INERTIAL_ERROR,
     MIN_FLOOR,
@@ -550,13 +551,12 @@ class _Document(Document):
             return "", ""
         off = rms(self.stages.repaired, None)
         case = self._sheet.case
-        mounted = upright(case).arm
-        return misread(
-            float(off),
-            mounted.gravity,
-            case.arm.gravity,
-            another=self._prepared.another_arm,
-        )
+        mounted, another = upright(case), self._prepared.another_arm
+        gravity = mounted.arm.gravity, case.arm.gravity
+        said = misread(float(off), *gravity, another=another)
+        # as a check says it of the same case
+        factor = None if any(said) else common_factor(mounted)
+        return said if factor is None else another_scale(*factor)
 
     def further(self) -> dict[str, Any]:
         sheet = self._sheet

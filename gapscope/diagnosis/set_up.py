@@ -10,9 +10,15 @@ import numpy as np
 import yaml
 
 from gapscope.arm.case import Case
-from gapscope.arm.display import effect_name, listing, uncertain
+from gapscope.arm.display import effect_name, listing
+from gapscope.arm.joint_units import common_unit
 from gapscope.arm.root_mean_square import rms
-from gapscope.diagnosis.document.wording import capital, misread, much
+from gapscope.diagnosis.document.wording import (
+    another_scale,
+    capital,
+    misread,
+    much,
+)
 from gapscope.diagnosis.gap.plausible_data import check_moving, select_windows
 from gapscope.diagnosis.setup_faults.detection import (
     as_nominal_arm,
@@ -69,6 +75,7 @@ class SetUp:
     Attributes:
         faults: faults of the set-up, in the order in which they must be corrected.
         n_joints: of the arm.
+        unit: of its torques, ``N`` of slides.
         gravity: that the case says, in the frame of the base [m/s^2], (3,).
         shown: that the torque shows, the faults put right; the same object unless the base is mounted turned.
         off: RMS over the joints of the nominal arm's gap, the faults put right [1]; ``None`` if it makes no sense.
@@ -78,6 +85,7 @@ class SetUp:
 
     faults: tuple[FoundFault, ...]
     n_joints: int
+    unit: str
     gravity: np.ndarray
     shown: np.ndarray
     off: float | None
@@ -96,15 +104,7 @@ class SetUp:
         for fault in self.faults:
             yield fault_remark(fault, self.n_joints)
         if self.factor is not None:
-            value, std = self.factor
-            yield Remark(
-                "warn",
-                "torque",
-                "",
-                f"all torques times about {uncertain(value, std)} would fit the nominal arm: their unit, or the "
-                "motors' constants or gear ratios; a load explains them less well",
-                "compare with the data sheet; import: {mend: {torque: {scale: ...}}} puts a factor right",
-            )
+            yield Remark("warn", "torque", "", *another_scale(*self.factor))
         if self.off is None:
             return
         said, remedy = misread(
@@ -118,8 +118,8 @@ class SetUp:
                 "ok",
                 "torque",
                 "",
-                "in N m of the joint, gravity included: no other unit, sign, order or clock of the columns explains it "
-                f"better; the nominal arm is off by {much(self.off)} of it",
+                f"in {self.unit} of the joint, gravity included: no other unit, sign, order or clock of the columns "
+                f"explains it better; the nominal arm is off by {much(self.off)} it",
             )
 
 
@@ -143,6 +143,7 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
         # references were put right before the rest could be looked for
         faults=(*seen, *found),
         n_joints=case.arm.n_joints,
+        unit=common_unit("N m", case.arm.sliding),
         gravity=right.arm.gravity,
         shown=mounted.arm.gravity,
         off=None if gap is None else float(rms(gap, None)),
@@ -161,10 +162,7 @@ def fault_remark(fault: FoundFault, n_joints: int) -> Remark:
         read, right = (much(float(rms(gap, None))) for gap in (before, after))
         # as rounded: a gap that reads the same convinces nobody
         if read != right:
-            said += (
-                f": the nominal arm is off by {read} of the torque as it is read, by {right} if that is put "
-                "right"
-            )
+            said += f": the nominal arm is off by {read} the torque as it is read, by {right} it if that is put right"
     # a line to be copied by hand: five digits are enough
     mend = _rounded(_mend(fault, n_joints))
     line = yaml.safe_dump(mend, default_flow_style=True, width=1000).strip()

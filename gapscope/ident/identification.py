@@ -893,7 +893,7 @@ def examine_fit(
         table=table,
         condition=next(row.measured for row in table if row.key == "condition"),
         questions=zeros.questions(),
-        warnings=(*case.warnings, *doubts),
+        warnings=(*case.warnings, *case.notes, *doubts),
     )
 
 

@@ -30,6 +30,7 @@ from gapscope.arm.io.layouts import (
 from gapscope.arm.io.log import Log
 from gapscope.arm.io.plausibility import put_right, repeated_rows
 from gapscope.arm.io.table import Table, without_damage
+from gapscope.arm.joint_units import common_unit
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.recording import (
@@ -39,6 +40,7 @@ from gapscope.arm.recording import (
     held_notes,
     resting,
     set_points,
+    slow_words,
     step_notes,
 )
 from gapscope.arm.robots import load_nominal_arm
@@ -113,7 +115,12 @@ class InspectedTable:
         # all of them taken, or too few for another arm: nothing to say
         if len(beside) < n_joints or len(beside) == len(every):
             return ""
-        return f"{beside[0]} to {beside[-1]} are positions, too, as of another arm"
+        return f"it holds positions as of another arm, too: {span_of(beside)}"
+
+
+def span_of(names: Sequence[str]) -> str:
+    """The first and the last of some columns, in words."""
+    return names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
 
 
 def inspect_table(
@@ -286,6 +293,9 @@ def oddities_of(
     read = Recording(where, t, **channels_read)
     for note in (*notes, *held_notes(read)):
         yield odd(note)
+    slow, remedy = slow_words(read)
+    if slow:
+        yield odd(slow, remedy)
     points = set_points(read)
     if points is not None and points.variant == "held":
         yield odd(
@@ -556,10 +566,10 @@ def _other_columns(
     if not left:
         return []
     taken, others = group.labels[:n], group.labels[n:]
-    which = f"the first, {taken[0]} to {taken[-1]}, are taken, and {', '.join(others)} left out"
+    which = f"taken: the first, {span_of(taken)}; {', '.join(others)} left out"
     if not others:
-        which = f"{group.names[0]} to {group.names[-1]} are taken"
-    said = f"{left}: {which}; for another arm or order list its columns in the case"
+        which = f"taken: {span_of(group.names)}"
+    said = f"{left}; {which}; for another arm or order list its columns in the case"
     return [note(table.label, said)]
 
 
@@ -797,13 +807,13 @@ def _data_sheet(found: Inspection) -> Iterator[str]:
     yield "# nominal:  # the data sheet, one value per joint, joint side; take the # away to state it"
     zeros = [0.0] * found.n_joints
     for quantity, name in SHEET.items():
-        unit = SHEET_UNITS[name]
-        if quantity == "rotor":
-            unit += ": rotor inertia times gear ratio squared"
-        values = zeros
+        unit, values = SHEET_UNITS[name], zeros
         if found.arm is not None:
+            unit = common_unit(unit, found.arm.sliding)
             # six digits: what a file says, without what floats add to it
             values = [float(f"{x:.6g}") for x in getattr(found.arm, name)]
+        if quantity == "rotor":
+            unit += ": rotor inertia times gear ratio squared"
         yield f"#   {name}: {flow(values)}  # {unit}"
     yield "#   encoder: motor  # motor, or joint: the side of the gear on which the position is measured"
     if "q_ref" in found.chosen:

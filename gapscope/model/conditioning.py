@@ -263,7 +263,7 @@ def jumps(recording: Recording) -> list[Jump]:
 
     At a jump the difference of two samples departs from the mean of those before and after it much farther than it does
     anywhere else, and by more than the joint moves in a sample anywhere else; and what follows stays off the line of
-    what came before.
+    what came before. A gap in time is none.
     """
     t, q = recording.t, recording.q
     if len(t) < FEWEST_ROWS:
@@ -273,11 +273,14 @@ def jumps(recording: Recording) -> list[Jump]:
     departure = np.zeros_like(velocity)
     # the velocity of a step less the mean of both neighbours, as a distance
     departure[1:-1] = (velocity[1:-1] - (velocity[:-2] + velocity[2:]) / 2) * step[1:-1]
+    # nobody saw where a joint went while nothing was logged
+    gaps = np.diff(t) > GAP_STEPS / recording.rate
+    departure[gaps] = 0.0
     found = []
     for j, series in enumerate(np.abs(departure).T):
         peaks, error = _standing_out(series)
-        # how far it moves in a sample, jumps aside
-        moved = np.abs(np.diff(q[:, j]))
+        # how far it moves in a sample, jumps and gaps aside
+        moved = np.where(gaps, 0.0, np.abs(np.diff(q[:, j])))
         moved[peaks] = 0.0
         for k in peaks:
             size, line = departure[k, j], _off_line(t, q[:, j], k)

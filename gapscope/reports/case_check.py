@@ -34,12 +34,13 @@ def summary(content: dict[str, Any]) -> Group:
     # known only if motion and torque could be looked at
     if content["excited"] is not None:
         keys = ("range", "slow", "fast", "reversals", "gravity", "possible_gravity")
-        heads = ("joint", *keys[:4], "gravity [N m]", "possible")
+        heads = ("joint", *keys[:4], "gravity", "possible")
         moving = [
             [f"{k} {joint['name']}", *(_text(joint[key]) for key in keys)]
             for k, joint in enumerate(content["joints"], 1)
         ]
-        parts += [Text(""), terminal_table(heads, moving, **PLAIN)]
+        units = "\nhow the joints move (rad, s and N m; m, s and N if they slide)"
+        parts += [Text(units, "italic"), terminal_table(heads, moving, **PLAIN)]
     if content["expected"]:
         parts += [Text(""), expected_table(content["expected"], len(content["joints"]))]
     name = content["case"] or "the case"

@@ -137,6 +137,13 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
                 f"gapscope export {made(CORRECTED)} --case {case} --format mjcf --out arm.xml",
             )
         )
+    # of another arm there is no gap to look at
+    if document["verdict"] == "unexplained" and "misread" not in document:
+        found.append(
+            Action(
+                "Look at what stays unexplained, below: on which joints, when and at which frequencies the gap acts"
+            )
+        )
     # it may be something to correct first: then no motion is designed
     following = document["next_recording"] or ""
     if following.startswith(NOT_YET):
@@ -146,11 +153,6 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
             Action(
                 f"Record next: {following}", f"gapscope advise {case} --out next.csv"
             )
-        )
-    # of another arm there is no gap to look at
-    if document["verdict"] == "unexplained" and "misread" not in document:
-        found.append(
-            Action("Look at what stays unexplained: it says where and how the gap acts")
         )
     if not found:
         found.append(

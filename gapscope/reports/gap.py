@@ -97,7 +97,7 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
         "sliding": [j for j, slides in enumerate(case.arm.sliding, 1) if slides],
         "recordings": rows,
         "warnings": [
-            *(f"{r.name}: {note}" for r, _ in roles for note in r.notes),
+            *case.notes,
             *filter(None, (corrected.taken_as(r.name) for r, _ in measured)),
         ],
     }

@@ -195,12 +195,13 @@ def facts_of(found: Inspection) -> str:
     # the time of the first table stands for the recording
     times = [next(iter(entry.values())).time for entry in found.entries]
     rates = sorted({f"{time.rate:.4g}" for time in times}, key=float)
-    durations = [float(time.seconds[-1]) for time in times]
+    seconds = [float(time.seconds[-1]) for time in times]
+    durations = list(dict.fromkeys(f"{s:.1f}" for s in (min(seconds), max(seconds))))
     certain = "" if times[0].certain else " (not told by the log)"
     count = len(found.entries)
     return (
-        f"{formats}: {count} recording{'s' if count > 1 else ''} of {found.n_joints} joints, "
-        f"{', '.join(rates)} Hz{certain}, {min(durations):.1f} to {max(durations):.1f} s."
+        f"{formats}: {count} recording{'s' if count > 1 else ''} of {found.n_joints} "
+        f"joint{'s' if found.n_joints > 1 else ''}, {', '.join(rates)} Hz{certain}, {' to '.join(durations)} s."
     )
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gapscope.arm.case import Case
 from gapscope.arm.io.load_recording import joined_in_time
 from gapscope.arm.recording import (
     Recording,
@@ -15,6 +17,7 @@ from gapscope.arm.recording import (
     step_notes,
     torque_step,
 )
+from gapscope.envs.mystery_arm import iiwa
 
 
 @pytest.mark.parametrize(
@@ -26,6 +29,19 @@ def test_rate_is_that_of_the_usual_steps(steps: list[float], rate: float) -> Non
     t = np.cumsum([0.0, *steps])
     recording = Recording("a.csv", t, np.zeros((len(t), 1)))
     assert recording.rate == pytest.approx(rate, rel=0.01)
+
+
+def test_a_case_notes_what_was_noticed_of_its_recordings_and_a_low_rate() -> None:
+    def at(rate: float, *notes: str) -> Recording:
+        t = np.arange(50) / rate
+        return Recording(f"{rate:g}.csv", t, np.zeros((50, 1)), notes=notes)
+
+    case = Case("lab", Path(), iiwa(), (at(100.0, "one"),), (at(10.0, "two"),))
+    assert case.notes == [
+        "100.csv: one",
+        "10.csv: two",
+        "10.csv: delays, elasticity and ripple are hardly seen at 10 Hz; log at 100 Hz or more",
+    ]
 
 
 def log(begun: float, rows: int = 100) -> Recording:

@@ -29,6 +29,7 @@ SCARA = (
     ("z", SLIDE, ".25 0 0", "0 0 -1", "0 0.2 200 0.8", "0 0 0", 1.5, 0.003),
 )
 Row = tuple[str, str, str, str, str, str, float, float]
+
 PLAN = Plan(recordings=2, duration=6.0, rate=125.0, engine="mujoco")
 
 
@@ -77,6 +78,17 @@ def test_mass_that_a_scara_lifts_with_its_slide_is_found(tmp_path: Path) -> None
     units = dict(zip(columns.names(law), columns.units(law), strict=True))
     assert [units[f"{symbol}3"] for symbol in "Ibco"] == ["kg", "N s/m", "N", "N"]
     assert units["c1"] == "N m"
+
+
+def test_the_check_of_a_slide_speaks_of_newtons(tmp_path: Path) -> None:
+    case = record_case(
+        "rail", robot(tmp_path, GANTRY[:1]), (), PLAN, np.random.default_rng(0)
+    )
+    check = gapscope.check(case).document
+    said = str(check["remarks"])
+    assert "in N of the joint, gravity included" in said and "N m" not in said
+    units = {entry["unit"] for entry in check["expected"] if entry["joints"]}
+    assert {"N", "N s/m"} < units and not {"N m", "N m s/rad", "kg m^2"} & units
 
 
 def test_what_is_said_of_a_slide_is_in_metres_and_newtons() -> None:

@@ -218,7 +218,8 @@ def test_of_two_arms_in_a_log_it_is_said_which_is_taken(arm, motion, tmp_path):
         table |= columns(side + "_joint{j}.position", values)
     found = inspected(tmp_path, arm, log=table)
     (said,) = (n.said for n in found.notes if "14 columns, the robot 7" in n.said)
-    assert "left_joint1 to left_joint7, are taken" in said and "right_joint1" in said
+    assert "taken: the first, left_joint1 to left_joint7;" in said
+    assert "right_joint1" in said
 
 
 def test_a_log_without_positions_is_refused(arm, motion, tmp_path):

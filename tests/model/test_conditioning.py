@@ -294,15 +294,16 @@ def test_a_reading_that_jumps_ends_a_piece(rate: float) -> None:
     assert position_cutoff((found,)) <= position_cutoff((whole,))
 
 
-def test_a_row_that_is_repeated_or_lost_or_noise_is_no_jump() -> None:
+def test_a_row_that_is_repeated_or_lost_or_a_pause_or_noise_is_no_jump() -> None:
     whole = sine()
     rows = np.arange(len(whole.t))
     repeated = Recording("r.csv", whole.t, whole.q[np.where(rows == 700, 699, rows)])
     lost = without(whole, rows != 700)
+    paused = without(whole, (rows < 700) | (rows > 900))
     rng = np.random.default_rng(1)
     noisy = Recording("n.csv", whole.t, whole.q + 1e-3 * rng.normal(size=whole.q.shape))
     coarse = Recording("c.csv", whole.t, np.round(whole.q, 2))
-    for recording in (repeated, lost, noisy, coarse):
+    for recording in (repeated, lost, paused, noisy, coarse):
         assert jumps(recording) == []
 
 

@@ -54,7 +54,7 @@ SAID = {
         "Compared with: friday (2 recordings); effects are changes since then",
     ),
     documents.no_gap: ("healthy: No gap",),
-    documents.unexplained: ("riddle: Unexplained gap", "100 % stay unexplained"),
+    documents.unexplained: ("riddle: Unexplained gap", "100 % stays unexplained"),
 }
 
 
@@ -77,14 +77,14 @@ def test_the_first_line_says_main_cause_share_and_what_stays() -> None:
     document = documents.two_effects()
     assert verdict_sentence(document) == (
         "Actuator delay (joints 4 and 5) explains 78 % of the gap and payload of 1.05 kg 19 %; "
-        "4 % stay unexplained, most of it on joint 5."
+        "4 % stays unexplained, most of it on joint 5."
     )
     more = document | {"effects": document["effects"] * 2}
     causes = "of the gap, payload of 1.05 kg 19 % and 2 more effects 97 %; "
     assert causes in verdict_sentence(more)
     # one open joint holds all that stays; nothing stays if every joint is at its floor
     document["gap"]["after"]["torque_nrmse"] = [*documents.FLOOR[:4], 0.066, 0.04, 0.05]
-    assert verdict_sentence(document).endswith("; 4 % stay unexplained, on joint 5.")
+    assert verdict_sentence(document).endswith("; 4 % stays unexplained, on joint 5.")
     document["closed"], document["unexplained"]["share"] = 1.0, 0.0
     assert verdict_sentence(document).endswith("; nothing stays unexplained.")
     # effects without a torque gap are found all the same
@@ -97,11 +97,11 @@ def test_the_first_line_says_main_cause_share_and_what_stays() -> None:
 def test_a_gap_without_a_cause_says_so() -> None:
     document = documents.unexplained()
     assert verdict_sentence(document) == (
-        "No effect in the catalogue explains the gap: 100 % stay unexplained, most of it on joint 5."
+        "No effect in the catalogue explains the gap, most of it on joint 5."
     )
     document["possible"] = documents.one_possible()["possible"]
     assert verdict_sentence(document).startswith("No effect reaches 50 % probability")
-    assert "something is missing" in unexplained_sentence(document)
+    assert "a cause is missing" in unexplained_sentence(document)
 
 
 def test_a_gap_as_of_healthy_real_arms_is_said_to_be_no_fault() -> None:

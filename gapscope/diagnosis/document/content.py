@@ -347,9 +347,6 @@ class Document:
         # the warning is how a case says that its torque was worked out
         case, told = prepared.case, prepared.told is not None
         inferred = told or WARNING in case.warnings
-        # notes of recordings that judge concern the reader as well
-        every = (*case.recordings, *case.judged)
-        notes = [f"{r.name}: {note}" for r in every for note in r.notes]
         return {
             "arm": arm_entry(self.arm()),
             "recordings": [
@@ -369,7 +366,7 @@ class Document:
                 *case.warnings,
                 *still_note(case),
                 *short_note(case),
-                *notes,
+                *case.notes,
                 *self.warnings(reached),
             ],
             "considered": self.considered(),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.display import effect_name, percent
+from gapscope.arm.display import effect_name, listing, percent
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.agreement import DIFFERS, Agreement, states
 from gapscope.diagnosis.comparison import (
@@ -443,11 +443,12 @@ def suggested_recording(
             f"the case as {coupling_text(coupling.declaration)}, and diagnose again"
         )
     if open_joints:
-        joints = ", ".join(map(str, open_joints))
+        one = len(open_joints) == 1
+        joints, move = ("joint", "it") if one else ("joints", "each of them")
         return (
-            f"to find what is unexplained on joint {joints}: that joint alone, the same path at half and double speed; "
-            "what stays as large acts by position or is dry friction, what doubles with the speed is damping, and what "
-            "grows with its square is inertia"
+            f"to find what is unexplained on {joints} {listing(list(map(str, open_joints)))}: move {move} alone, along "
+            "the same path at half and at double speed; a torque that stays as large acts by position or is dry "
+            "friction, one that doubles with the speed is damping, one that grows fourfold is inertia"
         )
     # doubts about what is named come before what is only possible
     for findings in (effects, possible):

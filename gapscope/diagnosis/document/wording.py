@@ -118,7 +118,7 @@ def misread(
     if another:
         return (
             "probably another robot's URDF, or columns in another order or unit: the nominal arm's torque is off by "
-            f"{much(off)} of the recorded one, and no ordinary load, friction or error of its links explains that",
+            f"{much(off)} the recorded one, and no ordinary load, friction or error of its links explains that",
             "check robot:, joints: and the units and columns of import:",
         )
     # the same object unless the base is mounted turned
@@ -132,16 +132,31 @@ def misread(
         )
     if off > NO_TORQUE:
         return (
-            f"the nominal arm's torque is off by {much(off)} of the recorded one, more than a constant torque would "
+            f"the nominal arm's torque is off by {much(off)} the recorded one, more than a constant torque would "
             "be: a load or friction that the case does not state, inertials that are far off, or another unit",
             "check payloads:, nominal: and robot:",
         )
     return "", ""
 
 
+def another_scale(factor: float, std: float) -> tuple[str, str]:
+    """That a factor on all torques would fit the nominal arm, and what to do.
+
+    Args:
+        factor: it [1].
+        std: its deviation [1].
+    """
+    return (
+        f"all torques times about {uncertain(factor, std)} would fit the nominal arm, a load explains them less well: "
+        "they are in another unit, made with other motor constants or gear ratios, or it is another robot's URDF",
+        "compare robot: and motors with data sheets; if a factor is all that is wrong, import: {mend: {torque: "
+        f"{{scale: {significant(factor)}}}}}}} puts it right",
+    )
+
+
 def much(gap: float) -> str:
-    """A gap over the torque's deviation [1] in words."""
-    return percent(gap) if gap < 10 else f"{gap:.0f} times"
+    """A gap over the torque's deviation [1] in words, before what it is of: ``73 % of``, ``24 times``."""
+    return f"{percent(gap)} of" if gap < 10 else f"{gap:.0f} times"
 
 
 # Effects, joints and parameters of a diagnosis by their readable names.
@@ -453,7 +468,8 @@ def _changed(document: Document) -> str:
     texts = [change_text(entry) for entry in document["changes"]]
     shown = texts[:MAX_CHANGES]
     if len(shown) < len(texts):
-        shown.append(f"{len(texts) - len(shown)} more changes")
+        more = len(texts) - len(shown)
+        shown.append(f"{more} more change{'s' if more > 1 else ''}")
     return f"{capital(listing(shown))}."
 
 
@@ -474,7 +490,9 @@ def _explained(document: Document) -> str:
         return f"Nothing stands out: {_nothing_unknown(document)}."
     if document["possible"]:
         return f"No effect reaches 50 % probability: {_left(document)}."
-    return f"No effect in the catalogue explains the gap: {_left(document)}."
+    if document["closed"] is None:
+        return f"No effect in the catalogue explains the gap: {_left(document)}."
+    return f"No effect in the catalogue explains the gap{_mostly_on(document)}."
 
 
 def _nothing_unknown(document: Document) -> str:
@@ -520,7 +538,7 @@ def _causes(document: Document) -> str:
     if document["closed"] is None:
         names = [with_amount(entry) for entry in effects[:MAX_CAUSES]]
         more = len(effects) - len(names)
-        names += [f"{more} more effects"] if more else []
+        names += [f"{more} more effect{'s' if more > 1 else ''}"] if more else []
         verb = "is" if len(effects) == 1 else "are"
         return f"{listing(names)} {verb} found"
 
@@ -548,6 +566,11 @@ def _left(document: Document) -> str:
     share = document["unexplained"]["share"]
     if share == 0.0:
         return "nothing stays unexplained"
+    return f"{percent(share)} stays unexplained{_mostly_on(document)}"
+
+
+def _mostly_on(document: Document) -> str:
+    """The joint that has most of what is left, after a comma; empty if none has."""
     worst = worst_joint(document, "after")
     above = [
         after > floor
@@ -555,8 +578,7 @@ def _left(document: Document) -> str:
         if None not in (after, floor)
     ]
     place = "on" if sum(above) == 1 else "most of it on"
-    where = f", {place} joint {worst}" if worst else ""
-    return f"{percent(share)} stay unexplained{where}"
+    return f", {place} joint {worst}" if worst else ""
 
 
 def with_amount(entry: Mapping[str, Any]) -> str:
@@ -607,10 +629,10 @@ def unexplained_sentence(document: Document) -> str:
             f"if a motor turns both, declare {coupling_text(coupling['declare'])}."
         )
     if document["unexplained"]["above_floor"]:
-        return f"{capital(left)}: something is missing."
+        return f"{capital(left)}: a cause is missing."
     if document["unexplained"]["share"] == 0.0:
         return f"{capital(left)}."
-    return f"{capital(left)}, less than what is named explains."
+    return f"{capital(left)}; what is named explains more than that."
 
 
 def sides_sentence(document: Document) -> str:

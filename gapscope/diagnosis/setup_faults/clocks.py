@@ -21,6 +21,7 @@ from gapscope.arm.io.plausibility import (
     unevenness,
     unit_of_stamps,
 )
+from gapscope.arm.io.table import DAMAGED, PAUSE
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, by_recordings
 from gapscope.diagnosis.thresholds import (
@@ -187,14 +188,15 @@ def jitter(recording: Recording) -> float:
 
 
 def lost(recording: Recording) -> float:
-    """Share of samples missing in gaps of more than ``GAP_STEPS`` periods [1], those left out on reading apart.
+    """Share of samples missing in gaps of more than ``GAP_STEPS`` periods [1], rows left out on reading apart.
 
     Stamps that are as far apart as the shortest piece that is used by itself are a pause: the logger was stopped.
     """
     steps = np.diff(recording.t)
     gaps = (steps * recording.rate > GAP_STEPS) & (steps < SHORTEST)
     missing = float((steps[gaps] * recording.rate - 1).sum())
-    missing = max(missing - _counted(recording, LEFT_OUT), 0.0)
+    left_out = sum(_counted(recording, note) for note in (LEFT_OUT, PAUSE, DAMAGED))
+    missing = max(missing - left_out, 0.0)
     return missing / (len(recording.t) + missing)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.case import Case
+from gapscope.arm.display import effect_name, listing
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
@@ -205,9 +206,10 @@ class FoundFault:
 
     def __str__(self) -> str:
         """In words."""
-        variant = f" ({self.variant})" if self.variant else ""
-        joints = f", joint {', '.join(map(str, self.joints))}" if self.joints else ""
-        return f"{self.name}{variant}{joints}"
+        variant = f" ({self.variant.replace('_', ' ')})" if self.variant else ""
+        plural = "s" if len(self.joints) > 1 else ""
+        joints = f" of joint{plural} {listing(list(map(str, self.joints)))}"
+        return f"{effect_name(self.name)}{variant}{joints if self.joints else ''}"
 
 
 def by_recordings(

@@ -251,7 +251,13 @@ SAME_BODY["alternatives"][0]["equivalent"] = True
 @pytest.mark.parametrize(
     ("reached", "effects", "possible", "joints", "begins"),
     [
-        ("unexplained", NAMED, [], [2, 5], "to find what is unexplained on joint 2, 5"),
+        (
+            "unexplained",
+            NAMED,
+            [],
+            [2, 5],
+            "to find what is unexplained on joints 2 and 5: move each of them alone",
+        ),
         (
             "effects_found",
             NAMED,

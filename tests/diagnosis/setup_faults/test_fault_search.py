@@ -200,11 +200,16 @@ def test_stamps_that_jitter_by_half_a_period_are_those_of_an_even_clock() -> Non
     np.testing.assert_allclose(found.repair(recording).t, T, atol=1e-3)
 
 
-def test_rows_that_were_left_out_on_reading_are_not_lost() -> None:
+@pytest.mark.parametrize(
+    "note",
+    [
+        "rows left out in which a position stands still and then leaps: 249 (8.30%), q1",
+        "rows without values left out as pauses: 249 of 3000 in 1 block: line 1001",
+        "rows left out that cannot be read: 249 of 3000 (8.30%): line 1001",
+    ],
+)
+def test_rows_that_were_left_out_on_reading_are_not_lost(note: str) -> None:
     kept = (T < 4.0) | (T >= 4.9)
     left_out = moving("a", 1.0).part(kept)
     assert lost(left_out) > 0.07
-    note = (
-        "rows left out in which a position stands still and then leaps: 249 (8.30%), q1"
-    )
     assert lost(left_out.part(slice(None), notes=(note,))) < 0.001

@@ -174,9 +174,9 @@ def test_two_faults_with_the_reason_on_each_line(tmp_path: Path) -> None:
     lines = {
         line.split(":")[0].strip(): line for line in first.read_text().splitlines()
     }
-    both = "# joint_swap (joint), joint 2, 3; unit_mismatch (degrees), joint 2"
+    both = "# joint swap (joint) of joints 2 and 3; unit mismatch (degrees) of joint 2"
     assert lines["motion"].endswith(both) and "columns: [1, 3, 2]" in lines["motion"]
-    assert lines["torque"].endswith("# joint_swap (joint), joint 2, 3")
+    assert lines["torque"].endswith("# joint swap (joint) of joints 2 and 3")
 
 
 def test_what_asks_for_no_other_reading_leaves_no_file(tmp_path: Path) -> None:
