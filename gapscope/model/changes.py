@@ -584,6 +584,7 @@ def _by_torque(
     mine, new = dict(known), False
     before, left = _ends(known, count), MAX_MOMENTS
     between: Difference | None = None
+    borne_out = False
 
     def question(
         some: Mapping[tuple[Term, Place], np.ndarray], ends: Sequence[list[float]]
@@ -634,17 +635,18 @@ def _by_torque(
         # the next look is about what predicts best beside all that
         about, torque = search.moved_by(step or fit), fit.torque
         if step is not None and left:
+            # what comes and goes has two moments: where none of two is borne out, others lead farther astray
+            if learnt is None and not borne_out and sum(map(len, ends)) > 1:
+                _, asked, likely = question(mine, ends)
+                borne_out = bool(asked.first(likely, torque).fit.mine)
+                if not borne_out:
+                    return told
             left, new, torque = left - 1, True, step.torque
             # one more moment moves the others: all are taken from the torque again
             mine = {
                 (one.term, looked.refined(step, one)): value
                 for one, value in step.values.items()
             }
-            # what comes and goes has two moments: where none of two is borne out, others lead farther astray
-            if left == MAX_MOMENTS - 2 and learnt is None:
-                _, asked, likely = question(mine, _ends(mine, count))
-                if not asked.first(likely, torque).fit.mine:
-                    return told
             continue
         # recordings differ as a whole, but nothing changes during one
         if not mine or (learnt is None and not any(_ends(mine, count))):
