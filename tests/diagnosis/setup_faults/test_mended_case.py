@@ -159,7 +159,7 @@ def test_what_a_case_file_cannot_say_is_said_to_be_left(tmp_path: Path) -> None:
     slider = replace(found(SpeedScaling(0.6)), recordings=(case.recordings[0].name,))
     turned = found(FAULTS["torque turned"])
     first, *_ = write_mended_case((turned, slider), case, lambda: file, tmp_path)
-    assert "# left to every diagnosis: speed_scaling" in first.read_text()
+    assert "# left to every diagnosis: speed scaling" in first.read_text()
     assert "pace" not in first.read_text()
 
 
