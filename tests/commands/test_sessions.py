@@ -96,7 +96,7 @@ def test_commands_go_on_with_the_case_that_a_diagnosis_mended(
     diagnosed = gapscope("diagnose", sick, "--out", out)
     mended = out / "mended_case.yaml"
     assert diagnosed.code == 0 and f"wrote {mended}" in diagnosed.err + diagnosed.out
-    assert "unit_mismatch (degrees), joint 1, 2" in mended.read_text()
+    assert "unit mismatch (degrees) of joints 1 and 2" in mended.read_text()
     assert find_setup_faults(load_case(mended)) == ()
 
     # effects were found behind the fault: the model corrects the mended case
