@@ -656,7 +656,7 @@ def _by_torque(
             # nothing of it is in what teaches
             torque = 0.0
         spans, asked, likely = question(mine, ends)
-        found = asked.run(likely, torque)
+        found, borne_out = asked.run(likely, torque), True
         settled = set(found.fit.mine) <= set(likely)
         # what joined without having been asked gets a moment by another look
         if left and not settled:
