@@ -2,8 +2,8 @@
 
 A hypothesis is a set of terms that groups have, others that everybody has, and where form error is larger in a group
 than where it was learnt: something unknown. Its evidence and its prior odds add up. Each is fitted about its own
-values, what is shared and form error stay linear about the arm that predicts. Terms join one by one; when one has
-joined, each is asked again whether the others do without it, or with another in its place.
+values, what is shared and form error stay linear about the arm that predicts. Terms join one by one; when none joins,
+each is asked again whether the others do without it, or with another in its place.
 """
 
 from __future__ import annotations
