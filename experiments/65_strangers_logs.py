@@ -220,14 +220,18 @@ def said(task: tuple[str, Log, Path]) -> dict[str, Any]:
 def judged(log: Log, command: str, texts: Sequence[str], sound: Sequence[str]) -> str:
     """``true``, ``silent`` or ``FALSE``, and the sentence that tells most of the log."""
     found, usual = (
-        {name for name, words in CLAIMS.items() if re.search(words, "\n".join(some))}
+        {
+            name
+            for name, words in CLAIMS.items()
+            if re.search(f"(?i){words}", "\n".join(some))
+        }
         for some in (texts, sound)
     )
     wanted = {*log.all_say, *(log.seen if command in COMMANDS[:2] else ())}
     false = found - usual - {*log.all_say, *log.seen, *log.may}
     false |= found & {"vouches"} if wanted & WRONG_COLUMNS else set()
     words = "|".join(CLAIMS[name] for name in (false or wanted)) or CLAIMS["vouches"]
-    telling = [one for one in texts if re.search(words, one)]
+    telling = [one for one in texts if re.search(f"(?i){words}", one)]
     kind = "FALSE" if false else "true" if wanted <= found else "silent"
     return f"{kind}: {(telling or list(texts))[0]}".replace("\n", " ")
 
