@@ -59,7 +59,6 @@ from gapscope.diagnosis.setup_faults.detection import upright
 from gapscope.diagnosis.setup_faults.fault_search import common_factor
 from gapscope.diagnosis.thresholds import (
     INERTIAL_ERROR,
-    MIN_FLOOR,
     NO_TORQUE,
     PRESLIDING_GAIN,
     VISIBLE_EFFECT,
@@ -70,7 +69,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw, Turn
 from gapscope.effects.environment import tilt
 from gapscope.effects.friction import PRESLIDING_DISTANCES
-from gapscope.model.conditioning import Segment, condition, torque_scale
+from gapscope.model.conditioning import MIN_FLOOR, Segment, condition, torque_scale
 from gapscope.model.design import LIKELY
 from gapscope.model.difference import Fit
 from gapscope.model.explained import (
@@ -80,7 +79,7 @@ from gapscope.model.explained import (
     held_out,
     likely_errors,
 )
-from gapscope.model.gravity_direction import turn_of_base
+from gapscope.model.readings import turn_of_base
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term
 from gapscope.model.torque_gap import TorqueGap, gap_on_rows, torque_gap

@@ -16,14 +16,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.effects.setup_faults import LateTorque
 from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.readings import FAULT_SIGN_WIDTH, ORDINARY_ERROR
 from gapscope.model.rows import PER_CUTOFF
 
 # fmt: off
 
 # --- gap: what is used of recordings
-STICKING_SPEED = 0.02  # A joint that is slower all the time is called still [rad/s]. (physical)
+STICKING_SPEED = FAULT_SIGN_WIDTH  # A joint that is slower all the time is called still [rad/s]. (physical)
 # A recording is used up to a change during it if that lasts this long [s]. (hand)
 MIN_UNCHANGED = 3.0
 # Share of its torque by which a law in nature differs from the catalogue's form: of an effect, and of the dry friction
@@ -49,15 +49,8 @@ MOVING_TORQUE = 0.3  # A torque that changes by this share of a moving recording
 LONE_SAMPLES = 3  # [1] (hand)
 LONE_POSITION = 20.0  # [1] (hand)
 LONE_OF_OTHERS = 0.01  # Share of the widest joint's span that counts as span of one that stands still [1]. (hand)
-# A healthy arm leaves no less than this [N m]: keeps a joint without any torque from dividing by zero. (physical)
-MIN_FLOOR = 1e-9
-
-# --- setup_faults: samples
-FAULT_SAMPLES = 640  # Samples over all recordings; faults are gross, so that few suffice. (budget)
-MOTION_INDEPENDENT_RATE = 3.0  # Independent samples per second of an arm's motion [1/s]. (hand)
 
 # --- setup_faults: when a fault is named
-FAULT_PRIOR_ODDS = 1e-3  # Prior odds of a fault of one kind against none, and of another robot [1]. (hand)
 # A torque is late on all joints: none is likelier without, by more than this share of what all gain [1]. (hand)
 LATE_JOINT_LOSS = 0.05
 # Gap over the torque's deviation beyond which no torque at all would be a better prediction [1]. (definition)
@@ -68,38 +61,17 @@ FAULT_COARSE_STEP = 4  # All candidates are compared on every so many-th sample.
 FAULT_FINALISTS = 5  # ...and this many of them on all. (budget)
 # Zeros off by less are no convention but the effect encoder_offset [rad]. (definition)
 MIN_ZERO_OFFSET = np.deg2rad(20.0)
-# Shifts at which the recorded torque is kept, up to the longest delay of a driver [s]. (budget)
-TORQUE_SHIFT_STEP = 0.005
-LAST_SHIFT = round(LateTorque.parameters[0].bounds[1] / TORQUE_SHIFT_STEP)
-TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(LAST_SHIFT + 1))
 DECIMAL_UNITS = (1e-3, 1e-2, 1e3)  # mN m, N cm and kN m in N m [1]. (definition)
 # A joint's factor is known from the nominal torque if they share this part of their variance [1]. (hand)
 KNOWN_FACTOR_R2 = 0.3
 REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)
 REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (budget)
-# What an arm leaves in any case, over the torque's deviation [1]: complete models of real arms leave 0.04 to 0.23.
-# (physical)
-ORDINARY_GAP = 0.1
-
-# --- setup_faults: what an ordinary arm may have beyond its data sheet (standard deviations at most)
-# Errors of the nominal inertials and of a torque's scale, and the lever of a load in lengths of the arm [1]. (physical)
-ORDINARY_ERROR = 0.3
-LOWEST_TORQUE_SCALE = -2 * ORDINARY_ERROR  # Lower bound of that of the scale: two deviations [1]. (statistics)
 # A joint whose factor is nearer to one than by an ordinary error has no other unit [1]; a factor is that of a decimal
 # unit if it is no farther from it than by half as much, either way [1]. (physical)
 OWN_UNIT_FACTOR = 1 + ORDINARY_ERROR
 DECIMAL_UNIT_ERROR = np.sqrt(OWN_UNIT_FACTOR)
-PRIOR_STD_TILT = 0.1  # Tilt of the base [rad]. (hand)
-PRIOR_STD_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
-# Torque of a rotor, of friction, of a spring, of an offset, over the deviation of the joint's torque [1]. (hand)
-ORDINARY_TORQUE = 0.7
-ROTOR_RATIO = 30.0  # Inertia of a rotor at the joint, over that of the bodies about it, at most [1]. (physical)
-TURNING_LATE = 0.05  # T, by which dry friction may turn round late: bristles bend first [s]. (hand)
-FAULT_SIGN_WIDTH = STICKING_SPEED  # Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)
 # Least misfit of an arm from whose torque an integrator's start is estimated, over the torque's deviation [1]. (hand)
 MIN_INTEGRATOR_MISFIT = 3e-3
-# Least deviation of a torque, over the largest joint's [1]: motors of small joints. (physical)
-MIN_TORQUE_DEVIATION = 1e-4
 
 # --- setup_faults: time stamps and quantisation
 # Probability of what the recording itself or the nominal arm shows without any fit [1]. (hand)

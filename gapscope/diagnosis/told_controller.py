@@ -34,13 +34,7 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.commanded_torque import filled
 from gapscope.diagnosis.gap.plausible_data import select_windows
 from gapscope.diagnosis.setup_faults.references import GAINS, LAW_TORQUE, law_sums
-from gapscope.diagnosis.thresholds import (
-    FAULT_SIGN_WIDTH,
-    INERTIAL_ERROR,
-    LAW_EXPLAINS,
-    LAW_GAIN,
-    MOTION_INDEPENDENT_RATE,
-)
+from gapscope.diagnosis.thresholds import INERTIAL_ERROR, LAW_EXPLAINS, LAW_GAIN
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.effect_ranges import Z95
 from gapscope.model.conditioning import (
@@ -53,6 +47,7 @@ from gapscope.model.conditioning import (
 from gapscope.model.design import LIKELY, WIDE
 from gapscope.model.effective_samples import motion_samples, variance_inflation
 from gapscope.model.equations import MIN_NOISE, SETTLED
+from gapscope.model.readings import FAULT_SIGN_WIDTH, MOTION_INDEPENDENT_RATE
 
 RATE = 1000.0
 """Rate of a controller of which nothing is known [Hz]: that of most drives."""

@@ -91,7 +91,7 @@ from gapscope.model.conditioning import (
     uniform,
 )
 from gapscope.model.effective_samples import group_slices, variance_inflation
-from gapscope.model.gravity_direction import as_mounted
+from gapscope.model.readings import as_mounted
 
 # Encoder zeros estimated together with the parameters: what negative masses lead to asking.
 

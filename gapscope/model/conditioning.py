@@ -30,6 +30,8 @@ TRIM = 0.3
 """Time cut from both ends of a filtered segment [s], by definition of ``torque_nrmse``."""
 MIN_SCALE_SHARE = 0.05
 """A joint's normalisation, over the largest joint's deviation, at least [1]: part of what ``torque_nrmse`` is."""
+MIN_FLOOR = 1e-9
+"""A healthy arm leaves no less than this [N m]: keeps a joint without any torque from dividing by zero. (physical)"""
 WORKING_RATE = 250.0
 """Recordings sampled at twice this rate or faster are decimated to no less than it [Hz]."""
 SHORTEST = SHORTEST_LOG

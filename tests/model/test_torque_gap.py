@@ -15,8 +15,8 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.environment import tilt
 from gapscope.model.conditioning import Segment, condition, torque_scale
-from gapscope.model.gravity_direction import gravity_by_torque, turn_of_base
 from gapscope.model.jacobian import Bodies, LinearisationPoint
+from gapscope.model.readings import gravity_by_torque, turn_of_base
 from gapscope.model.terms import Terms
 from gapscope.model.torque_gap import torque_gap
 

@@ -11,7 +11,6 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.assessment.unknown import unknown
 from gapscope.diagnosis.locate import stack
 from gapscope.diagnosis.thresholds import (
-    MIN_FLOOR,
     SENSOR_LAG,
     SENSOR_SCALE,
     SENSOR_ZERO,
@@ -19,7 +18,13 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals, TorqueLaw
-from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass, torque_scale
+from gapscope.model.conditioning import (
+    MIN_FLOOR,
+    TORQUE_CUTOFF,
+    Segment,
+    low_pass,
+    torque_scale,
+)
 from gapscope.model.effective_samples import variance_inflation
 from gapscope.model.torque_gap import TorqueGap, filtered_torque
 

@@ -18,7 +18,6 @@ from gapscope.diagnosis.thresholds import (
     FOURIER_FEATURES,
     HEALTHY_REAL,
     MAX_OSCILLATION,
-    MIN_FLOOR,
     MIN_OSCILLATION,
     OSCILLATION_GRID,
     RIDGE_STRENGTHS,
@@ -28,7 +27,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.residual import Memory
 from gapscope.ident.intervals import whiteness
-from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.conditioning import MIN_FLOOR, TORQUE_CUTOFF
 from gapscope.model.design import drawn_waves
 from gapscope.model.difference import ANY
 from gapscope.model.effective_samples import variance_inflation

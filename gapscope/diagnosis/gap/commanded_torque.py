@@ -15,13 +15,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter
-from gapscope.diagnosis.setup_faults.evidence import ordinary_errors
-from gapscope.diagnosis.thresholds import (
-    FAULT_SAMPLES,
-    FAULT_SIGN_WIDTH,
-    MIN_INTEGRATOR_MISFIT,
-    MOTION_INDEPENDENT_RATE,
-)
+from gapscope.diagnosis.thresholds import MIN_INTEGRATOR_MISFIT
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.conditioning import (
@@ -33,6 +27,12 @@ from gapscope.model.conditioning import (
     torque_scale,
 )
 from gapscope.model.effective_samples import motion_samples
+from gapscope.model.readings import (
+    FAULT_SAMPLES,
+    FAULT_SIGN_WIDTH,
+    MOTION_INDEPENDENT_RATE,
+    ordinary_errors,
+)
 
 # What the integrator of a controller held when a recording began, which no recording shows.
 #

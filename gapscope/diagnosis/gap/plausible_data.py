@@ -19,7 +19,6 @@ from gapscope.diagnosis.thresholds import (
     LONE_POSITION,
     LONE_SAMPLES,
     LONG_RECORDINGS,
-    MIN_FLOOR,
     MIN_MOTION,
     MIN_UNCHANGED,
     MIN_WINDOW,
@@ -29,6 +28,7 @@ from gapscope.diagnosis.thresholds import (
     WINDOW,
 )
 from gapscope.model.changes import Change
+from gapscope.model.conditioning import MIN_FLOOR
 
 # Whether positions are those of a motion: joints that never move, little motion, values that lie alone.
 

@@ -52,8 +52,8 @@ from gapscope.model.difference import (
 )
 from gapscope.model.equations import Equations, learn
 from gapscope.model.expected import expected_entries
-from gapscope.model.gravity_direction import as_mounted
 from gapscope.model.nonlinear_values import CompliantBodies, Scanner
+from gapscope.model.readings import as_mounted
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term, Terms
 

@@ -30,15 +30,12 @@ from gapscope.diagnosis.thresholds import (
     CLOCK_HINT,
     CLOCK_MIN_SKEW,
     CLOCK_ROUNDS,
-    FAULT_SAMPLES,
-    FAULT_SIGN_WIDTH,
     LATTICE_AGREEMENT,
     LATTICE_COHERENCE,
     LATTICE_LEVELS,
     LATTICE_SAMPLES,
     LOG_DIGITS,
     MIN_MOTION,
-    MOTION_INDEPENDENT_RATE,
     NAMED_JITTER,
     NAMED_LOST,
     NAMED_RATE_ERROR,
@@ -61,6 +58,11 @@ from gapscope.model.conditioning import (
     low_pass,
 )
 from gapscope.model.effective_samples import motion_samples
+from gapscope.model.readings import (
+    FAULT_SAMPLES,
+    FAULT_SIGN_WIDTH,
+    MOTION_INDEPENDENT_RATE,
+)
 
 # Time stamps that are not those of the samples, seen in the recording itself.
 #

@@ -36,7 +36,7 @@ from gapscope.model.conditioning import (
     Segment,
     condition,
 )
-from gapscope.model.gravity_direction import as_mounted
+from gapscope.model.readings import as_mounted
 from gapscope.model.torque_gap import torque_gap
 
 

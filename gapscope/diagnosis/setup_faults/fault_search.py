@@ -15,7 +15,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.reading import Reading
 from gapscope.diagnosis.setup_faults.clocks import rate_error
-from gapscope.diagnosis.setup_faults.evidence import ReadingScorer, sample
 from gapscope.diagnosis.setup_faults.found_fault import (
     TURN,
     TURNED_BASES,
@@ -29,7 +28,6 @@ from gapscope.diagnosis.thresholds import (
     DECIMAL_UNITS,
     FAULT_COARSE_STEP,
     FAULT_FINALISTS,
-    FAULT_PRIOR_ODDS,
     LATE_JOINT_LOSS,
     MIN_ZERO_OFFSET,
     OBVIOUS_FAULT_PROBABILITY,
@@ -48,6 +46,7 @@ from gapscope.effects.setup_faults import (
     ZeroOffset,
 )
 from gapscope.model.conditioning import condition
+from gapscope.model.readings import UNUSUAL, ReadingScorer, sample
 
 # Continuous values of a setup fault, from the grid on which the search began to their most probable ones.
 
@@ -206,8 +205,6 @@ class _PatternSearch:
 # Setup faults by the torque: candidates are screened on few samples, refined, and the best is accepted if decisive.
 
 
-UNUSUAL = -math.log(FAULT_PRIOR_ODDS)
-"""Evidence that a fault needs to be as probable as none [nats]."""
 _Kind = tuple[str, str, int]
 """Name and variant of a candidate, and the number of its joints."""
 

@@ -13,16 +13,16 @@ from gapscope.arm.display import effect_name, listing
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.setup_faults.evidence import (
+from gapscope.diagnosis.thresholds import KNOWN_FACTOR_R2, OBVIOUS_FAULT_PROBABILITY
+from gapscope.effects.catalogue import of_quantity
+from gapscope.effects.setup_faults import Fault, Look
+from gapscope.model.readings import (
     COULOMB,
     OFFSET,
     VISCOUS,
     ReadingEquations,
     ReadingScorer,
 )
-from gapscope.diagnosis.thresholds import KNOWN_FACTOR_R2, OBVIOUS_FAULT_PROBABILITY
-from gapscope.effects.catalogue import of_quantity
-from gapscope.effects.setup_faults import Fault, Look
 
 # What a case shows under a reading, from which faults tell where they may be; and bases turned, which look like them.
 #

@@ -25,7 +25,6 @@ from gapscope.diagnosis.setup_faults.found_fault import (
 )
 from gapscope.diagnosis.thresholds import (
     EXACT_LAW,
-    FAULT_SIGN_WIDTH,
     INFERRED_GAIN_FACTOR,
     INFERRED_GAIN_SPREAD,
     LAW_BLOCKS,
@@ -57,6 +56,7 @@ from gapscope.effects.setup_faults import (
     VelocityOfReference,
 )
 from gapscope.model.conditioning import TORQUE_CUTOFF, condition, low_pass
+from gapscope.model.readings import FAULT_SIGN_WIDTH
 
 # What a control law is compared on: sums of products of tracking errors, motion and torque of each joint, over rows to
 # fit and over rows to judge. Every law is algebra on them.

@@ -18,40 +18,63 @@ Motions, on which the prediction rests, are given: none is due to them.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.optimize import least_squares
 
 from gapscope.arm.dynamics.inertials import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_body
-from gapscope.diagnosis.thresholds import (
-    FAULT_SAMPLES,
-    FAULT_SIGN_WIDTH,
-    LOWEST_TORQUE_SCALE,
-    MIN_FLOOR,
-    MIN_TORQUE_DEVIATION,
-    MOTION_INDEPENDENT_RATE,
-    ORDINARY_ERROR,
-    ORDINARY_GAP,
-    ORDINARY_TORQUE,
-    PRIOR_STD_LOAD,
-    PRIOR_STD_TILT,
-    ROTOR_RATIO,
-    TORQUE_SHIFT_STEP,
-    TORQUE_SHIFTS,
-    TURNING_LATE,
-)
 from gapscope.effects.environment import tilt
-from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.effects.setup_faults import LateTorque
+from gapscope.model.conditioning import MIN_FLOOR, TORQUE_CUTOFF, Segment, low_pass
 from gapscope.model.effective_samples import motion_samples
-from gapscope.model.gravity_direction import gravity_by_torque, turn_of_base
+
+FAULT_SAMPLES = 640
+"""Samples over all recordings; faults are gross, so that few suffice. (budget)"""
+MOTION_INDEPENDENT_RATE = 3.0
+"""Independent samples per second of an arm's motion [1/s]. (hand)"""
+FAULT_PRIOR_ODDS = 1e-3
+"""Prior odds of a fault of one kind against none, of another robot, and of a base mounted turned [1]. (hand)"""
+UNUSUAL = -math.log(FAULT_PRIOR_ODDS)
+"""Evidence that a fault needs to be as probable as none [nats]."""
+TORQUE_SHIFT_STEP = 0.005
+"""Step of the shifts at which the recorded torque is kept, up to the longest delay of a driver [s]. (budget)"""
+LAST_SHIFT = round(LateTorque.parameters[0].bounds[1] / TORQUE_SHIFT_STEP)
+TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(LAST_SHIFT + 1))
+
+# What an ordinary arm may have beyond its data sheet (standard deviations at most).
+
+ORDINARY_GAP = 0.1
+"""What an arm leaves in any case, over the torque's deviation [1]: complete models of real arms leave 0.04 to 0.23.
+(physical)"""
+ORDINARY_ERROR = 0.3
+"""Errors of the nominal inertials and of a torque's scale, and the lever of a load in lengths of the arm [1].
+(physical)"""
+LOWEST_TORQUE_SCALE = -2 * ORDINARY_ERROR
+"""Lower bound of that of the scale: two deviations [1]. (statistics)"""
+PRIOR_STD_TILT = 0.1
+"""Tilt of the base [rad]. (hand)"""
+PRIOR_STD_LOAD = 0.6
+"""Mass of a load, in masses of the arm [1]. (hand)"""
+ORDINARY_TORQUE = 0.7
+"""Torque of a rotor, of friction, of a spring, of an offset, over the deviation of the joint's torque [1]. (hand)"""
+ROTOR_RATIO = 30.0
+"""Inertia of a rotor at the joint, over that of the bodies about it, at most [1]. (physical)"""
+TURNING_LATE = 0.05
+"""T, by which dry friction may turn round late: bristles bend first [s]. (hand)"""
+FAULT_SIGN_WIDTH = 0.02
+"""Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)"""
+MIN_TORQUE_DEVIATION = 1e-4
+"""Least deviation of a torque, over the largest joint's [1]: motors of small joints. (physical)"""
 
 # What is looked at: few samples of each recording, spread over its length.
 
@@ -578,6 +601,11 @@ class ReadingScorer:
 
     def gravity_turn(self, reading: Reading) -> tuple[float, float] | None:
         """Roll and pitch [rad] of the base that the torque shows under a reading which does not turn it yet."""
+        found = self.gravity_shown(reading)
+        return None if found is None else turn_of_base(self.arm.gravity, found)
+
+    def gravity_shown(self, reading: Reading) -> np.ndarray | None:
+        """Gravity in the base frame by the torque under a reading [m/s^2], (3,); ``None`` if there is none in it."""
         body = self._body(reading)
         # a torque without gravity in it shows no direction
         if body is None or not body.gravity.any() or reading.gravity:
@@ -590,8 +618,7 @@ class ReadingScorer:
         needed = body.inverse_dynamics(q, dq, ddq) + self.arm.armature * ddq
         # what is left is what gravity gives, in whatever direction it points
         without_gravity = tau - needed + regressor @ body.gravity
-        found = gravity_by_torque(without_gravity, regressor, dq, torque_deviation(tau))
-        return turn_of_base(body.gravity, found)
+        return gravity_by_torque(without_gravity, regressor, dq, torque_deviation(tau))
 
     def equations_of(self, reading: Reading) -> ReadingEquations | None:
         """Equations under a reading; ``None`` if its inertials leave no arm."""
@@ -623,3 +650,91 @@ class ReadingScorer:
             except InputError:
                 self._bodies[key] = None
         return self._bodies[key]
+
+
+# The base as the torque shows it: gravity's three components are linear in the torque of every joint,
+#
+#     tau_j - (bodies without gravity)_j = G_j(q) g + c_j sgn dq_j + b_j dq_j + o_j,  g of known size
+#
+# so that a base mounted in another way than the case says, or a wrong sign of its gravity, is found without a search.
+
+GRAVITY_SIZE_FACTOR = 2.0
+"""A vector fitted in gravity's place counts as gravity if its size is right within this factor [1]: inertials and
+torque scales are off by less. (hand)"""
+MIN_TURN = 0.4
+"""Gravity off by less than this is a tilt, which a linearised search finds [rad]. (hand)"""
+
+
+def gravity_by_torque(
+    torque: np.ndarray, regressor: np.ndarray, dq: np.ndarray, deviation: np.ndarray
+) -> np.ndarray:
+    """Gravity in the base frame [m/s^2], (3,), by least squares over all joints, each over its torque's deviation.
+
+    Args:
+        torque: recorded torque less what the nominal bodies need without gravity [N m], (M, n).
+        regressor: G(q) [kg m], (M, n, 3).
+        dq: [rad/s], (M, n).
+        deviation: standard deviation of each joint's torque [N m], (n,).
+    """
+    gram, target = np.zeros((3, 3)), np.zeros(3)
+    for j, size in enumerate(deviation):
+        own = [smooth_sign(dq[:, j]), dq[:, j], np.ones(len(dq))]
+        basis, _ = np.linalg.qr(np.column_stack(own))
+        x, y = regressor[:, j] / size, torque[:, j] / size
+        # what the joint's own friction and offset explain is taken out of both sides
+        x, y = x - basis @ (basis.T @ x), y - basis @ (basis.T @ y)
+        gram += x.T @ x
+        target += x.T @ y
+    # directions that no joint shows stay zero
+    return np.linalg.lstsq(gram, target, rcond=1e-6)[0]
+
+
+def turn_of_base(nominal: np.ndarray, found: np.ndarray) -> tuple[float, float] | None:
+    """Roll and pitch [rad] of the base with R^T nominal along ``found``, R = Ry(pitch) Rx(roll).
+
+    ``None`` if ``found`` is no gravity, its size off by more than ``GRAVITY_SIZE_FACTOR``; if it is turned by less than
+    ``MIN_TURN``; or if no turn comes near it.
+
+    Args:
+        nominal: gravity in the base frame as the case has it [m/s^2], (3,).
+        found: as the torque shows it [m/s^2], (3,).
+    """
+    size, size_found = np.linalg.norm(nominal), np.linalg.norm(found)
+    if size == 0 or size_found == 0:
+        return None
+    if abs(np.log(size_found / size)) > np.log(GRAVITY_SIZE_FACTOR):
+        return None
+    direction = found / size_found
+    if nominal @ direction / size > np.cos(MIN_TURN):
+        return None
+
+    def miss(turn: np.ndarray) -> np.ndarray:
+        return tilt(*turn).T @ nominal / size - direction
+
+    # the nearest of a coarse grid first: there are several minima
+    starts = itertools.product(np.arange(-3, 4) * np.pi / 3, (-1.0, 0.0, 1.0))
+    nearest = min(starts, key=lambda turn: float(np.sum(miss(np.array(turn)) ** 2)))
+    bounds = np.array([np.pi, np.pi / 2])
+    best = least_squares(miss, nearest, bounds=(-bounds, bounds))
+    # what no turn of the base comes nearer to
+    if np.linalg.norm(best.fun) > MIN_TURN:
+        return None
+    roll, pitch = best.x.tolist()
+    return roll, pitch
+
+
+def as_mounted(arm: NominalArm, segments: Sequence[Segment]) -> NominalArm:
+    """The arm with the gravity that its torque shows, if that makes the torque likelier by what is ``UNUSUAL``."""
+    segments = [s for s in segments if s.torque is not None]
+    if not segments:
+        return arm
+    samples, as_read = sample(segments), Reading.identity(arm.n_joints)
+    scorer = ReadingScorer(arm, RigidBody(arm), samples)
+    found = scorer.gravity_shown(as_read)
+    if found is None or turn_of_base(arm.gravity, found) is None:
+        return arm
+    # the size of gravity is known: only its direction is news
+    found *= np.linalg.norm(arm.gravity) / np.linalg.norm(found)
+    turned = replace(arm, gravity=found)
+    gain = ReadingScorer(turned, RigidBody(turned), samples).evidence(as_read)
+    return turned if gain - scorer.evidence(as_read) > UNUSUAL else arm
