@@ -3,8 +3,8 @@
     GAPSCOPE_DATA=.../data .venv/bin/python experiments/65_strangers_logs.py --out out/strangers
         [--arms generated,ur10,emps] [--logs "as it is,degrees"]
 
-The arms are one of the blind check's generator with a payload, the UR10 of the bag and the slide of EMPS. Their
-recordings are written as tables with names of their own (``pos_1``, ``vel_1``, ``trq_1``), spoilt in one way each. Of
+The arms are one of the blind check's generator with a payload, the UR10 of the bag and the slide of EMPS, or any of
+``experiments/cases``. Their recordings are written as tables with names of their own (``pos_1``, ``vel_1``, ``trq_1``), spoilt in one way each. Of
 each log `inspect` drafts a case, which the other commands read as it was drafted. What a command claims is told by its
 words. It is *true* if it claims what is so and nothing else beside what it says of the sound log, *silent* if it claims
 less, and else *FALSE*. The sentences of each log are a file: run it again for the rest.
@@ -59,7 +59,8 @@ Change = Callable[[Columns], Columns]
 
 def exchanged(r: Columns) -> Columns:
     """Joints 1 and 3 in each other's place."""
-    order = [2, 1, 0, 3, 4, 5][: r["pos"].shape[-1]]
+    order = [2, 1, *range(r["pos"].shape[-1])]
+    order[2:5] = [0]
     return {name: x if name == "t" else x[:, order] for name, x in r.items()}
 
 
@@ -124,7 +125,7 @@ class Log(NamedTuple):
 
 
 SOUND = Log("as it is")
-MOTORS = np.array([13.0, 13.0, 8.0, 8.0, 8.0, 8.0])
+MOTORS = np.array([13.0, 13.0, 8.0, 8.0, 8.0, 8.0, 8.0])
 """Constants of the motors at the joints [N m/A]."""
 LOGS = (
     SOUND,
@@ -141,8 +142,9 @@ LOGS = (
     Log("two arms", two_arms, seen=("two arms",)),
     Log("amperes as torque", lambda r: {**r, "trq": r["trq"] / MOTORS[: r["trq"].shape[1]]}, all_say=("unit",)),
 )  # fmt: skip
-OTHER = {"generated": ("small", 2), "ur10": ("xarm6", 1)}
-"""Robots of the generator that stand for another one, and their numbers."""
+OTHER = {"generated": ("small", 2)}
+"""Robots of the generator that stand for another one, and their numbers; ``ELSE`` for all real arms."""
+ELSE = ("xarm6", 1)
 
 
 def made_arm(robot: str, number: int, out: Path) -> Path:
@@ -159,7 +161,7 @@ def write(arm: str, log: Log, out: Path, folder: Path) -> tuple[list[Path], Path
     generated = arm == "generated"
     case = load_case(made_arm("small", 1, out) if generated else CASES / f"{arm}.yaml")
     other = log.robot is None
-    urdf = made_arm(*OTHER[arm], out) / "robot.urdf" if other else case.arm.urdf
+    urdf = made_arm(*OTHER.get(arm, ELSE), out) / "robot.urdf" if other else case.arm.urdf
     robot, files = folder / "robot.urdf", []
     text = urdf.read_text(encoding="utf-8")
     robot.write_text(log.robot(text) if log.robot else text, encoding="utf-8")
