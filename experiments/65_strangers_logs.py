@@ -4,10 +4,11 @@
         [--arms generated,ur10,emps] [--logs "as it is,degrees"]
 
 The arms are one of the blind check's generator with a payload, the UR10 of the bag and the slide of EMPS, or any of
-``experiments/cases``. Their recordings are written as tables with names of their own (``pos_1``, ``vel_1``, ``trq_1``), spoilt in one way each. Of
-each log `inspect` drafts a case, which the other commands read as it was drafted. What a command claims is told by its
-words. It is *true* if it claims what is so and nothing else beside what it says of the sound log, *silent* if it claims
-less, and else *FALSE*. The sentences of each log are a file: run it again for the rest.
+``experiments/cases``. Their recordings are written as tables with names of their own (``pos_1``, ``vel_1``, ``trq_1``),
+spoilt in one way each. Of each log `inspect` drafts a case, which the other commands read as it was drafted. What a
+command claims is told by its words. It is *true* if it claims what is so and nothing else beside what it says of the
+sound log, *silent* if it claims less, and else *FALSE*. The sentences of each log are a file: run it again for the
+rest.
 """
 
 from __future__ import annotations
