@@ -162,7 +162,9 @@ def write(arm: str, log: Log, out: Path, folder: Path) -> tuple[list[Path], Path
     generated = arm == "generated"
     case = load_case(made_arm("small", 1, out) if generated else CASES / f"{arm}.yaml")
     other = log.robot is None
-    urdf = made_arm(*OTHER.get(arm, ELSE), out) / "robot.urdf" if other else case.arm.urdf
+    urdf = (
+        made_arm(*OTHER.get(arm, ELSE), out) / "robot.urdf" if other else case.arm.urdf
+    )
     robot, files = folder / "robot.urdf", []
     text = urdf.read_text(encoding="utf-8")
     robot.write_text(log.robot(text) if log.robot else text, encoding="utf-8")

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+TINY = float(np.finfo(float).tiny)
+"""The machine's smallest number: keeps quotients and logarithms of what may be nothing finite."""
+
 
 def rms(x: np.ndarray, axis: int | tuple[int, ...] | None = 0) -> np.ndarray:
     """Root mean square of a series over time, or over other axes; ``None``: over all."""

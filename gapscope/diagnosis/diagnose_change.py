@@ -30,6 +30,7 @@ from gapscope.arm.io.json_file import read_json, schema_fault, write_json
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import TINY
 from gapscope.diagnosis.comparison import Comparison
 from gapscope.diagnosis.document.content import Document, nominal_friction
 from gapscope.diagnosis.document.findings import numbers
@@ -148,9 +149,7 @@ def possible_arm(
         np.sqrt(np.maximum(lacking, 0.0) / count),
         # nominal torque times a factor, fitted to the free one: n^T S f / n^T S n
         float(
-            (nominal + free.increments.ravel())
-            @ of_all
-            / max(nominal @ of_all, np.finfo(float).tiny)
+            (nominal + free.increments.ravel()) @ of_all / max(nominal @ of_all, TINY)
         ),
     )
 

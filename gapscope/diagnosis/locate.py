@@ -11,6 +11,7 @@ import numpy as np
 from scipy.signal import csd
 
 from gapscope.arm.display import significant
+from gapscope.arm.root_mean_square import TINY
 from gapscope.diagnosis.change_points import change_points
 from gapscope.diagnosis.thresholds import (
     BANDS,
@@ -26,9 +27,6 @@ from gapscope.diagnosis.thresholds import (
     RULE_CONDITIONS,
 )
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment
-
-TINY = 1e-300
-"""Keeps a quotient of squares finite. (numerical)"""
 
 # A region of the motion that holds more of a gap than its size explains.
 

@@ -30,6 +30,7 @@ import numpy as np
 from gapscope.arm.display import effect_name, uncertain
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import TINY
 from gapscope.effects.catalogue import of_quantity
 from gapscope.model.conditioning import STANDS_OUT, slips, without_slips
 from gapscope.model.design import (
@@ -66,8 +67,6 @@ ZERO = "zero"
 ANY_FRICTION = 1.0
 """Share by which friction now may differ from that which was learnt: a cold arm has up to twice as much [1]. (physical)
 """
-TINY = float(np.finfo(float).tiny)
-"""What is divided by at least [1]."""
 SURE = 0.95
 """Probability that a moment is within its interval. (definition)"""
 

@@ -33,6 +33,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_body
+from gapscope.arm.root_mean_square import TINY
 from gapscope.effects.environment import tilt
 from gapscope.effects.setup_faults import LateTorque
 from gapscope.model.conditioning import MIN_FLOOR, TORQUE_CUTOFF, Segment, low_pass
@@ -287,7 +288,7 @@ def reading_equations(
     own = np.stack([nominal, ddq, sign, dq, centred, np.ones_like(q), turned], axis=2)
     bodies, load = inertial_scale(body), _load_std(body)
     # columns in units of what each may be off by: the sums are better conditioned
-    unit = np.maximum(np.hypot(bodies, load), 1e-9)
+    unit = np.maximum(np.hypot(bodies, load), TINY)
     level = pull @ _tilts(body)
     # joints first: X_j is (M, D)
     x = np.concatenate([regressor * unit, level, own], axis=2).transpose(1, 0, 2)
@@ -430,7 +431,7 @@ def _evidence(
         # how far each value is told by the data: 1 - posterior over prior variance
         told = 1.0 - np.diag(covariance) / size**2
         square = np.bincount(group, found**2) / np.bincount(
-            group, np.maximum(told, 1e-9)
+            group, np.maximum(told, np.finfo(float).eps)
         )
         size = np.sqrt(np.clip(square, LEAST_SIZE**2, 1.0))[group]
     fit = np.log(noise) + (left + ORDINARY_GAP**2) / noise
@@ -511,7 +512,7 @@ def _largest(
         ORDINARY_TORQUE * deviation,
     ]
     others = np.ones(eq.shared - len(errors))
-    shared = np.concatenate([np.maximum(errors, 1e-9), others])
+    shared = np.concatenate([np.maximum(errors, TINY), others])
     return np.hstack([np.tile(shared, (n, 1)), np.column_stack(own)])
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from gapscope.arm.root_mean_square import TINY
 from gapscope.diagnosis.locate import MotionRows
 from gapscope.diagnosis.thresholds import (
     FOLD_GUARD,
@@ -205,7 +206,7 @@ def _predictions(
         rotated = vector.T @ (right - own_right)
 
         for k, strength in enumerate(RIDGE_STRENGTHS):
-            ridged = np.maximum(value + strength * mean_square, 1e-300)
+            ridged = np.maximum(value + strength * mean_square, TINY)
             coefficients = vector @ (rotated / ridged)
             out[k, rows] = x[rows] @ coefficients
     return out
@@ -443,7 +444,7 @@ def unknown(
     memory = _memory(thinned, rows, gap.predicted)
     p_values = _whiteness(gap, rows)
     # a joint of which no row is known has weights of 0
-    known2 = np.maximum((trust[kept] ** 2).mean(axis=0), 1e-12)
+    known2 = np.maximum((trust[kept] ** 2).mean(axis=0), TINY)
     weight = trust[kept] / np.sqrt(known2)
     left, t = gap.error[kept] * weight, rows.t[kept]
     waves = predict_oscillation(t, left, weight, thinned.segment, folds.fold)
@@ -494,7 +495,7 @@ class _Residual:
         """Share of the squared gap that a prediction, (K,), takes away [1]."""
         before = np.mean(self.gap**2)
         remaining = np.mean((self.gap - predicted) ** 2)
-        return float(np.clip(1.0 - remaining / max(before, 1e-300), 0.0, 1.0))
+        return float(np.clip(1.0 - remaining / max(before, TINY), 0.0, 1.0))
 
 
 def _of_joint(
@@ -529,7 +530,7 @@ def _of_joint(
         share, together = by[best], predicted[best]
     # A prediction that leaves the share 1 - s of the squares has the log likelihood -m/2 ln(1 - s) over none.
     inflation = variance_inflation((gap - together)[:, None], rows.segment)[0]
-    evidence = -len(gap) / inflation / 2 * np.log(max(1.0 - share, 1e-9))
+    evidence = -len(gap) / inflation / 2 * np.log(max(1.0 - share, np.finfo(float).eps))
     # It is the best of so many.
     evidence -= np.log(len(by) + 1)
     curve = _curve(residual, best)
