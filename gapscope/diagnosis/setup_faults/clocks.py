@@ -230,8 +230,10 @@ def _velocity_ratio(
     # derivatives across a gap are wrong
     usual = np.zeros(len(q), dtype=bool)
     usual[1:-1] = ~(beside_gap[1:] | beside_gap[:-1])
-    derivative = np.gradient(q, recording.t, axis=0)
-    by_stamps, recorded = (low_pass(x, rate, cutoff)[usual] for x in (derivative, dq))
+    # positions two rows apart give the mean velocity between them, which Simpson's rule takes of the recorded one
+    derivative, mean = np.gradient(q, recording.t, axis=0), dq.copy()
+    mean[1:-1] = (dq[:-2] + 4 * dq[1:-1] + dq[2:]) / 6
+    by_stamps, recorded = (low_pass(x, rate, cutoff)[usual] for x in (derivative, mean))
     by_stamps_power = (by_stamps**2).sum(axis=0)
     recorded_power = (recorded**2).sum(axis=0)
     power = by_stamps_power * recorded_power
