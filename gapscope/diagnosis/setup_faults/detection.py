@@ -36,7 +36,7 @@ from gapscope.model.conditioning import (
     Segment,
     condition,
 )
-from gapscope.model.readings import as_mounted
+from gapscope.model.readings import UNUSUAL, as_mounted
 from gapscope.model.torque_gap import torque_gap
 
 
@@ -108,7 +108,7 @@ def upright(case: Case) -> Case:
 def is_another_arm(case: Case, faults: Sequence[FoundFault]) -> bool:
     """Whether the recordings are of another arm than the nominal one, or their torque is in another unit.
 
-    Then its bodies explain less of the torque than as many faults ask for; or it is far off and beyond what the drives
+    Then its bodies explain less of the torque than its faults ask for; or it is far off and beyond what the drives
     can give.
 
     Args:
@@ -123,10 +123,10 @@ def is_another_arm(case: Case, faults: Sequence[FoundFault]) -> bool:
     if rms(gap, None) > NO_TORQUE and _beyond_its_drives(mounted):
         return True
     # when the torque was recorded says nothing of bodies
-    count = sum(
-        fault.name not in (TimeStamps.name, LateTorque.name) for fault in faults
-    )
-    return is_of_other_bodies(select_windows(mounted), count)
+    of_bodies = [f for f in faults if f.name not in (TimeStamps.name, LateTorque.name)]
+    # each fault is as improbable as another robot, and was fitted
+    owed = sum(UNUSUAL + fault.charge for fault in of_bodies) - UNUSUAL
+    return is_of_other_bodies(select_windows(mounted), owed)
 
 
 def _beyond_its_drives(case: Case) -> bool:

@@ -215,11 +215,13 @@ class _Finalist(NamedTuple):
     Attributes:
         candidate: with its values.
         std: standard deviations of these.
-        gain: evidence beyond that without it, less what its values and the choice of its joints owe [nats].
+        charge: what its values and the choice of its joints owe [nats].
+        gain: evidence beyond that without it, less this charge [nats].
     """
 
     candidate: Fault
     std: tuple[float, ...]
+    charge: float
     gain: float
 
 
@@ -251,7 +253,16 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
             std = {name: best.std for name in best.candidate.values() if best.std}
             odds = best.gain - UNUSUAL
             probability, others = _probabilities(best, finalists)
-            found.append(FoundFault(best.candidate, probability, std, (), odds, others))
+            found.append(
+                FoundFault(
+                    best.candidate,
+                    probability,
+                    std,
+                    log_odds=odds,
+                    charge=best.charge,
+                    others=others,
+                )
+            )
         reading = reading.then(best.candidate.reading(n))
     # gravity is added to a torque that is right otherwise
     return sorted(found, key=lambda fault: fault.name == "gravity_compensated_torque")
@@ -295,16 +306,17 @@ def common_factor(case: Case) -> tuple[float, float] | None:
     return factor, factor * float(search.deviation(x)[0])
 
 
-def is_of_other_bodies(case: Case, faults: int) -> bool:
-    """Whether the nominal bodies explain the torque too little for an arm that is read right by so many faults.
+def is_of_other_bodies(case: Case, owed: float) -> bool:
+    """Whether the nominal bodies explain the torque too little for an arm that is read right by its faults.
 
-    Each fault beyond the first, which another robot is as probable as, they have to earn back.
+    Args:
+        case: faults of its set-up put right.
+        owed: by how much its faults are less probable than another robot is, which has none [nats].
     """
     scorer = _scorer(case)
     if scorer is None:
         return False
-    support = scorer.support_of_bodies(Reading.identity(case.arm.n_joints))
-    return support < (faults - 1) * UNUSUAL
+    return scorer.support_of_bodies(Reading.identity(case.arm.n_joints)) < owed
 
 
 def unit_of_nominal_arm(case: Case) -> FoundFault | None:
@@ -430,7 +442,7 @@ def _finalists(
             alike = fine.late_by_joint(read).min() > -LATE_JOINT_LOSS * gain
             if candidate.delay + std[0] < shortest or not alike:
                 continue
-        finalists.append(_Finalist(candidate, std, gain))
+        finalists.append(_Finalist(candidate, std, charge, gain))
     return finalists
 
 

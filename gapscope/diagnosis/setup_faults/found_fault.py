@@ -131,6 +131,7 @@ class FoundFault:
         std: standard deviation of each value of a parameter, by its name; without it the value is a choice among few.
         recordings: names of the recordings that have it; empty: all.
         log_odds: of the fault against none [nats]; ``None`` if it shows in the recordings themselves.
+        charge: what its values and the choice of its joints owe, which ``log_odds`` hold already [nats].
         others: what it may be instead, and how probable that is, the most probable first.
         gap_with_only_this, gap_without_this: torque NRMSE, (n,), with this fault alone corrected, and with all others
             but this; ``None`` if it cannot be computed.
@@ -142,6 +143,7 @@ class FoundFault:
     std: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     recordings: tuple[str, ...] = ()
     log_odds: float | None = None
+    charge: float = 0.0
     others: tuple[tuple[Fault, float], ...] = ()
     gap_with_only_this: np.ndarray | None = field(default=None, repr=False)
     gap_without_this: np.ndarray | None = field(default=None, repr=False)
@@ -286,4 +288,5 @@ def _joined(first: FoundFault, second: FoundFault) -> FoundFault:
         fault=first.fault.joined(second.fault),
         std={name: tuple(std[order].tolist()) for name, std in both.items()},
         probability=min(first.probability, second.probability),
+        charge=first.charge + second.charge,
     )
