@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from rich.table import Table
+from rich.console import Group
 from rich.text import Text
 
 from gapscope.arm.display import MISSING, display_unit, effect_name, significant
@@ -41,10 +41,18 @@ def expected_rows(
 TITLE = "named in nine cases of ten from this size on (in half of them)"
 
 
-def expected_table(entries: Iterable[Mapping[str, Any]], n_joints: int) -> Table:
-    """The same on the terminal."""
-    rows: list[list[str | Text]] = [
-        [Text(name), *texts] for name, texts in expected_rows(entries, n_joints)
-    ]
-    heads = ["effect", *(str(j + 1) for j in range(n_joints))]
-    return terminal_table(heads, rows, title=TITLE, **PLAIN)
+JOINTS = 7
+"""Of one table at most: more than a terminal is wide."""
+
+
+def expected_table(entries: Iterable[Mapping[str, Any]], n_joints: int) -> Group:
+    """The same on the terminal; arms of many joints have several tables."""
+    rows = expected_rows(entries, n_joints)
+    tables = []
+    for start in range(0, n_joints, JOINTS):
+        some = slice(start, start + JOINTS)
+        here = [(name, texts[some]) for name, texts in rows if any(texts[some])]
+        cells: list[list[str | Text]] = [[Text(name), *texts] for name, texts in here]
+        heads = ["effect", *(str(j + 1) for j in range(n_joints)[some])]
+        tables.append(terminal_table(heads, cells, title=TITLE, **PLAIN))
+    return Group(*tables)

@@ -8,7 +8,7 @@ from typing import Any
 
 import documents
 import pytest
-from rich.console import Console
+from rich.console import Console, RenderableType
 
 from gapscope.arm.display import display_unit, nrmse, percent, significant, uncertain
 from gapscope.diagnosis.document.wording import (
@@ -22,12 +22,28 @@ from gapscope.diagnosis.document.wording import (
     with_amount,
 )
 from gapscope.reports.diagnosis import summary
+from gapscope.reports.expected import expected_table
 
 
 def printed(document: dict[str, Any], width: int = 80) -> str:
+    return shown(summary(document), width)
+
+
+def shown(what: RenderableType, width: int = 80) -> str:
     stream = io.StringIO()
-    Console(file=stream, width=width, force_terminal=False).print(summary(document))
+    Console(file=stream, width=width, force_terminal=False).print(what)
     return stream.getvalue()
+
+
+def test_sizes_of_many_joints_are_read_in_80_columns() -> None:
+    sizes = [0.12345 * (joint + 1) for joint in range(14)]
+    size = {"effect": "coulomb_friction", "parameter": "torque", "unit": "N m"}
+    entries = [
+        {**size, "joints": [j + 1], "nine_of_ten": x, "half": x / 2}
+        for j, x in enumerate(sizes)
+    ]
+    text = shown(expected_table(entries, len(sizes)))
+    assert all(f"{significant(x, 2)}" in text for x in sizes) and "…" not in text
 
 
 @pytest.mark.parametrize(
