@@ -54,5 +54,9 @@ def expected_table(entries: Iterable[Mapping[str, Any]], n_joints: int) -> Group
         here = [(name, texts[some]) for name, texts in rows if any(texts[some])]
         cells: list[list[str | Text]] = [[Text(name), *texts] for name, texts in here]
         heads = ["effect", *(str(j + 1) for j in range(n_joints)[some])]
-        tables.append(terminal_table(heads, cells, title=TITLE, **PLAIN))
+        table = terminal_table(heads, cells, title=TITLE, **PLAIN)
+        # words of names are not cut, however many joints there are
+        words = (word for name, _ in here for word in name.split())
+        table.columns[0].min_width = max(map(len, words), default=0)
+        tables.append(table)
     return Group(*tables)
