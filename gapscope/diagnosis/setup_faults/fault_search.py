@@ -433,8 +433,9 @@ def _finalists(
         if isinstance(candidate, TorqueUnit) and candidate.is_ordinary:
             continue
         read = reading.then(candidate.reading(fine.arm.n_joints))
-        # for the choice of joints, and for the value that was fitted
-        charge = charges[_kind(start)] + (fine.charge if std else 0.0)
+        # for the choice of joints, and for each value that was fitted, one or some for all of them
+        fitted = {x for own in candidate.values().values() for x in own} if std else ()
+        charge = charges[_kind(start)] + fine.charge * len(fitted)
         gain = fine.evidence(read) - before - charge
         if isinstance(candidate, LateTorque):
             # logs are late by more than sampling makes them, and on all joints alike: friction turns late on few
