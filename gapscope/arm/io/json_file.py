@@ -46,7 +46,8 @@ def read_json(path: Path, remedy: str) -> Any:
 def _whole_number(text: str) -> int:
     """A whole number that a computer counts with; longer ones are no number of an arm, and no float can hold them."""
     number = int(text)
-    if abs(number) > LARGEST_WHOLE:
+    # drawn seeds have 64 bits and no sign
+    if not -LARGEST_WHOLE <= number <= np.iinfo(np.uint64).max:
         raise ValueError(f"a whole number of {len(text)} digits")
     return number
 

@@ -41,6 +41,17 @@ def test_private_files_are_readable_by_their_owner_alone(tmp_path: Path) -> None
     assert stat.S_IMODE((tmp_path / "a.json").stat().st_mode) == 0o600
 
 
+def test_a_seed_of_64_bits_is_read_again_and_what_no_computer_counts_with_is_not(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "labels.json"
+    write_json({"seed": 2**64 - 1}, path)
+    assert read_json(path, "") == {"seed": 2**64 - 1}
+    write_json({"seed": 2**64}, path)
+    with pytest.raises(InputError, match="whole number of 20 digits"):
+        read_json(path, "")
+
+
 def test_faults_name_the_file_and_a_remedy(tmp_path: Path) -> None:
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(InputError, match=r"bad\.json.*not valid JSON"):
