@@ -287,6 +287,8 @@ class SheetSearch(Search):
 
         Both are equal to first order, and form error hides what they differ by.
         """
+        if not any(one.effect in (name, other) for one in fit.mine):
+            return fit, sets
         by_name = {(one.effect, one.term.joint): one for one in fit.own.candidates}
 
         # terms keep their joint when their effect is told by the other name
@@ -298,7 +300,9 @@ class SheetSearch(Search):
         found = {frozenset(fit.mine): fit}
         for to in (name, other):
             values = {renamed(one, to): x for one, x in fit.values.items()}
-            found[frozenset(values)] = self._fit(list(values), values, fit.grown)
+            # the hypothesis itself is fitted already
+            if frozenset(values) not in found:
+                found[frozenset(values)] = self._fit(list(values), values, fit.grown)
         # values that cannot be are no answer, however well they fit
         likely = {
             some: self._least_squares(one, left2).total
