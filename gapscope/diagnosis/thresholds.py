@@ -137,7 +137,6 @@ SENSOR_SCALE = 0.01  # Prior of the error of a sensor's scale [1]. (data sheets 
 SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
 
 # --- selection: search
-MIN_DELAY = 1e-3  # Delays shorter than this count as a skew of sampling and are not named [s]. (hand)
 MIN_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at least [1]. (physical)
 
 PRESLIDING_GAIN = 5.0  # A joint's presliding must narrow the gap of trusted rows by so much [nats]. (hand)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from gapscope.arm.root_mean_square import TINY
 from gapscope.diagnosis.locate import MotionRows
@@ -26,6 +27,7 @@ from gapscope.diagnosis.thresholds import (
     STANDS_OUT,
     UNKNOWN_TORQUE,
 )
+from gapscope.effects.actuation import MIN_DELAY
 from gapscope.effects.residual import Memory
 from gapscope.ident.intervals import whiteness
 from gapscope.model.conditioning import MIN_FLOOR, TORQUE_CUTOFF
@@ -446,7 +448,8 @@ def unknown(
     # a joint of which no row is known has weights of 0
     known2 = np.maximum((trust[kept] ** 2).mean(axis=0), TINY)
     weight = trust[kept] / np.sqrt(known2)
-    left, t = gap.error[kept] * weight, rows.t[kept]
+    error = gap.error - _skewed(gap, rows, trust / scale)
+    left, t = error[kept] * weight, rows.t[kept]
     waves = predict_oscillation(t, left, weight, thinned.segment, folds.fold)
     every = []
     for j, p_value in enumerate(p_values.tolist()):
@@ -456,6 +459,21 @@ def unknown(
         features = np.hstack([own, of_arm])
         every.append(_of_joint(residual, waves[:, j], features, p_value))
     return Unknown((left**2).mean(axis=0), every, scale)
+
+
+def _skewed(gap: TorqueGap, rows: MotionRows, weight: np.ndarray) -> np.ndarray:
+    """What a skew d between torque and motion that is common to all joints, and no delay yet, leaves [N m], (M, n).
+
+    tau(t - d) = tau - d dtau/dt, d by weighted least squares, of no more than the shortest delay either way.
+    """
+    rate = np.empty_like(gap.predicted)
+    for segment in range(len(rows.rates)):
+        own = rows.segment == segment
+        torque = make_interp_spline(rows.t[own], gap.predicted[own], k=3)
+        rate[own] = torque(rows.t[own], 1)
+    moved, seen = rate * weight, gap.error * weight
+    skew = -float((moved * seen).sum() / max((moved**2).sum(), TINY))
+    return -float(np.clip(skew, -MIN_DELAY, MIN_DELAY)) * rate
 
 
 @dataclass(frozen=True)
