@@ -37,6 +37,7 @@ from gapscope.diagnosis.told_controller import (
     with_told_controller,
 )
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.effect import External
 from gapscope.effects.setup_faults import TimeStamps
 from gapscope.model.changes import Change, changes_of
 from gapscope.model.conditioning import (
@@ -240,7 +241,7 @@ def _in_one_state(
     changes, between = changes_of(looked.recordings, looked.arm, progress)
     # what is judged on changes no value: it is asked by itself
     apart, _ = changes_of(looked.judged, looked.arm, progress)
-    changes += apart
+    changes = _without_common_push((*changes, *apart), len(case.recordings))
     for change in changes:
         progress(f"finds {change}")
     whole = *case.recordings, *case.judged
@@ -252,6 +253,28 @@ def _in_one_state(
         progress("diagnoses the recordings that share a state")
         case = states.first(case)
     return case, changes, states
+
+
+def _without_common_push(
+    changes: tuple[Change, ...], recordings: int
+) -> tuple[Change, ...]:
+    """Changes but a force that comes and goes, by their intervals, at the same times wherever it does.
+
+    If some recordings have it, or the only one, it is an effect of all of them, which the search finds.
+    """
+    pushes = [c for c in changes if isinstance(c.term.definition, External)]
+    # in the order of recordings and moments: one push of each recording is a pair
+    begins, ends = pushes[::2], pushes[1::2]
+    names = [c.recording for c in begins]
+    once = names == [c.recording for c in ends] and len(set(names)) == len(names)
+    alike = all(
+        max(c.interval[0] for c in some) <= min(c.interval[1] for c in some)
+        for some in (begins, ends)
+        if some
+    )
+    if not (once and alike and len(names) >= min(2, recordings)):
+        return changes
+    return tuple(c for c in changes if not isinstance(c.term.definition, External))
 
 
 def _agreement(
