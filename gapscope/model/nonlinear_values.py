@@ -34,6 +34,8 @@ WINDOW_EDGES = 40
 """Edges between which windows of a force are tried. (budget)"""
 UNKNOWN = 0.01
 """Odds of something that the catalogue does not have, over none [1]."""
+FINER = 8
+"""Steps by which their distance is divided about the edges of the best window. (budget)"""
 MIN_WINDOW = 0.05
 """Bins of a window are no shorter [s]."""
 
@@ -312,37 +314,18 @@ class Scanner:
         return np.where(shown, np.nan_to_num(np.max(gains, axis=0)), 0.0)
 
     def _window(self, own: OwnTerms, others: Sequence[Candidate]) -> Found | None:
-        """The window in which a force explains most.
-
-        What a window needs is a sum over its bins, whose products with all else are computed once.
-        """
+        """The window in which a force explains most, its edges looked for once more by finer steps."""
         rows, mine, contrast = self.rows, self._mine, own.contrast
         begin, end = rows.t[mine].min(), rows.t[mine].max()
         width = max((end - begin) / WINDOW_EDGES, MIN_WINDOW)
         bins = int(np.ceil((end - begin) / width + 1e-9))
-        first, last = spans = _spans(bins)
-        if not len(first):
+        edges, spans = begin + width * np.arange(bins + 1), _spans(bins)
+        if not len(spans[0]):
             return None
-        # what a force from outside does the motors need not
-        force = -rows.rows([bodies.force for bodies in own.design.bodies])
-        force = force / rows.scale[:, None] * rows.trust[:, :, None]
-        place = np.clip(((rows.t - begin) / width).astype(int), 0, bins - 1)
-        size = np.sqrt((force[mine] ** 2).mean(axis=0)).max(axis=0) + MIN_TORQUE**2
-        columns, joints = [], range(force.shape[1])
-        for joint in joints:
-            x = np.zeros((len(rows.t), bins, 3))
-            # each row in the columns of its own bin: a window's are sums over bins
-            x[mine, place[mine]] = force[mine, joint]
-            columns.append(x.reshape(len(x), -1))
-        further = contrast.beside(columns)
-        inner, solved = own.of_others(others, further.cross, further.back)
-        gram = further.gram - inner.T @ inner
-        gain = _of_spans(gram, further.right - inner.T @ solved, spans, 1.0 / size)
-        k, alone = int(np.argmax(gain)), []
+        gain = self._of_forces(own, others, edges, spans)
         # something unknown on one joint for a while is no push
-        column = np.zeros((len(rows.t), bins))
-        column[mine, place[mine]] = 1.0
-        none = np.zeros_like(column)
+        column, alone = self._in_bins(np.ones((len(rows.t), 1)), edges), []
+        none, joints = np.zeros_like(column), range(rows.trust.shape[1])
         for j in joints:
             trusted = column * rows.trust[:, j, None]
             columns = [trusted if i == j else none for i in joints]
@@ -352,19 +335,68 @@ class Scanner:
         evidence = float(np.logaddexp.reduce(every) - np.log(len(every)))
         # a push is charged what something unknown on one joint is worth by its odds
         charge = _charge(gain) + max(evidence + float(np.log(UNKNOWN)), 0.0)
-        edges = [begin + ends * width for ends in (first, last)]
+        if gain.max() > charge:
+            finer = width * np.linspace(-1.0, 1.0, 2 * FINER + 1)
+            near = [edges[some[gain.argmax()]] + finer for some in spans]
+            every_edge = np.concatenate([*near, edges[[0, -1]]])
+            edges = np.unique(every_edge.clip(edges[0], edges[-1]))
+            spans = _ordered(
+                *(
+                    np.searchsorted(edges, some.clip(edges[0], edges[-1]))
+                    for some in near
+                )
+            )
+            gain = self._of_forces(own, others, edges, spans)
+        ends = [edges[some] for some in spans]
         return Found(
-            tuple(float(ends[k]) for ends in edges),
-            tuple(_spread(ends, ends[k], gain) for ends in edges),
+            tuple(float(times[gain.argmax()]) for times in ends),
+            tuple(_spread(times, times[gain.argmax()], gain) for times in ends),
             charge,
         )
+
+    def _of_forces(
+        self,
+        own: OwnTerms,
+        others: Sequence[Candidate],
+        edges: np.ndarray,
+        spans: tuple[np.ndarray, np.ndarray],
+    ) -> np.ndarray:
+        """Log evidence of a force in each window between edges [s], (K,).
+
+        What a window needs is a sum over its bins, whose products with all else are computed once.
+        """
+        rows, mine, contrast = self.rows, self._mine, own.contrast
+        # what a force from outside does the motors need not
+        force = -rows.rows([bodies.force for bodies in own.design.bodies])
+        force = force / rows.scale[:, None] * rows.trust[:, :, None]
+        size = np.sqrt((force[mine] ** 2).mean(axis=0)).max(axis=0) + MIN_TORQUE**2
+        columns = [self._in_bins(x, edges) for x in np.moveaxis(force, 1, 0)]
+        further = contrast.beside(columns)
+        inner, solved = own.of_others(others, further.cross, further.back)
+        gram = further.gram - inner.T @ inner
+        return _of_spans(gram, further.right - inner.T @ solved, spans, 1.0 / size)
+
+    def _in_bins(self, series: np.ndarray, edges: np.ndarray) -> np.ndarray:
+        """A series, (M, c), with each row of the group in the columns of its own bin, (M, bins c)."""
+        bins, mine = len(edges) - 1, self._mine
+        place = np.searchsorted(edges, self.rows.t[mine], side="right") - 1
+        out = np.zeros((len(series), bins, series.shape[1]))
+        out[mine, place.clip(0, bins - 1)] = series[mine]
+        return out.reshape(len(series), -1)
 
 
 def _spans(bins: int) -> tuple[np.ndarray, np.ndarray]:
     """First bin of each window, and the one after its last: all windows of two bins or more but the whole."""
-    first, last = (x.ravel() for x in np.meshgrid(np.arange(bins), np.arange(bins + 1)))
+    first, last = _ordered(np.arange(bins), np.arange(bins + 1))
     apart = (last - first >= 2) & (last - first < bins)
     return first[apart], last[apart]
+
+
+def _ordered(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of which the second is larger."""
+    both = np.array(np.meshgrid(first, last)).reshape(2, -1)
+    one, other = both[:, both[0] < both[1]]
+    return one, other
 
 
 def _of_spans(
