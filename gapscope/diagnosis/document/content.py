@@ -32,7 +32,8 @@ from gapscope.diagnosis.gap.plausible_data import short_note, still_note
 from gapscope.diagnosis.locate import MotionRows, located, regions
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
 from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE, UNKNOWN_TORQUE
-from gapscope.model.changes import change_findings
+from gapscope.effects.effect import External
+from gapscope.model.changes import Change, change_findings
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.terms import Candidate
 
@@ -196,7 +197,7 @@ class Document:
             "gap": self._gap(),
             "effects": effects,
             "possible": possible,
-            "changes": change_findings(prepared.changes),
+            "changes": change_findings(self._changes),
             **states_entry(prepared.states.found),
             "closed": closed,
             "unexplained": {
@@ -219,11 +220,30 @@ class Document:
         return with_slide_units(content, self.arm().sliding)
 
     @cached_property
+    def _changes(self) -> list[Change]:
+        """Changes during recordings, but those of a force from outside at a time at which an effect has one."""
+        out = list(self._prepared.changes)
+        for name in self._comparison.named:
+            applied = self._comparison.change(name)
+            if not isinstance(applied.effect, External):
+                continue
+            times = self._comparison.findings[name][0].term.parametrisation.nonlinear
+            start, end = (float(applied.parameters[time]) for time in times)
+            out = [
+                change
+                for change in out
+                if not isinstance(change.term.definition, External)
+                or change.interval[1] < start
+                or change.interval[0] > end
+            ]
+        return out
+
+    @cached_property
     def reached(self) -> Verdict:
         """The verdict."""
         comparison, prepared = self._comparison, self._prepared
         # a fault or a change is a cause as well as an effect
-        found = comparison.named or prepared.faults or prepared.changes
+        found = comparison.named or prepared.faults or self._changes
         return self._verdict(found=bool(found or prepared.states.others))
 
     def _verdict(self, *, found: bool) -> Verdict:
