@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.lib.mixins import NDArrayOperatorsMixin
 from scipy.linalg import cho_solve, lapack, solve_triangular
 from scipy.optimize import minimize
 
@@ -757,59 +758,106 @@ def repeatable(seed: int) -> Iterator[torch.Generator]:
         torch.use_deterministic_algorithms(strict)
 
 
-class Ensemble(torch.nn.Module):
-    """The networks of all members and joints, trained side by side; the same formulas as ``Network``.
+class Tensor(NDArrayOperatorsMixin):
+    """A tensor on which numpy's functions work: what they compute torch computes, and can differentiate and export."""
+
+    def __init__(self, tensor: torch.Tensor) -> None:
+        self.tensor = tensor
+
+    @property
+    def shape(self) -> torch.Size:
+        """Its shape."""
+        return self.tensor.shape
+
+    def _plain(self, x: Any) -> Any:
+        """A tensor out of numbers or a ``Tensor``; what is no number as it is."""
+        if isinstance(x, Tensor):
+            return x.tensor
+        if isinstance(x, (list, tuple)):
+            return [self._plain(part) for part in x]
+        own = self.tensor
+        return (
+            x if x is None else torch.as_tensor(x, dtype=own.dtype, device=own.device)
+        )
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any) -> Tensor:
+        """Arithmetic and elementary functions: torch calls them as numpy does."""
+        function = torch.pow if ufunc is np.power else getattr(torch, ufunc.__name__)
+        return Tensor(function(*map(self._plain, inputs)))
+
+    def __array_function__(
+        self, function: Any, types: Any, args: Any, kwargs: Any
+    ) -> Any:
+        """``clip``, ``concatenate``; ``split`` into a number of parts."""
+        if function is np.split:
+            parts = torch.tensor_split(self.tensor, args[1], kwargs["axis"])
+            return [Tensor(part) for part in parts]
+        called = getattr(torch, function.__name__)
+        return Tensor(called(*map(self._plain, args), **kwargs))
+
+    def __getitem__(self, key: Any) -> Tensor:
+        """Slices, places and new axes."""
+        return Tensor(self.tensor[key])
+
+    def reshape(self, *shape: int) -> Tensor:
+        """In another shape."""
+        return Tensor(self.tensor.reshape(*shape))
+
+    def transpose(self, *axes: int) -> Tensor:
+        """With its axes in another order."""
+        return Tensor(self.tensor.permute(*axes))
+
+    def sum(self, axis: int) -> Tensor:
+        """Sum over an axis."""
+        return Tensor(self.tensor.sum(dim=axis))
+
+    def min(self, axis: int) -> Tensor:
+        """Least value along an axis."""
+        return Tensor(self.tensor.amin(dim=axis))
+
+
+def begun(
+    settings: ResidualSettings,
+    inputs: Inputs,
+    generator: torch.Generator,
+    where: torch.device | str = "cpu",
+) -> Network:
+    """A network whose weights are tensors to be trained, of all members and joints.
 
     Args:
         settings: of the training.
         inputs: what the networks see.
         generator: of the first weights.
+        where: the device.
     """
+    width, n = settings.hidden, inputs.n
+    if settings.form == "mlp":
+        seen = inputs.seen_by_mlp
+        sizes = [(len(seen), width), (width, width), (width, 2)]
+    else:
+        # each layer joins two neighbours of the layer before
+        seen = np.arange(inputs.taps * inputs.channels)
+        first, last = (2 * inputs.channels, width), (width, 2)
+        sizes = [first, *[(2 * width, width)] * (TCN_LAYERS - 1), last]
+    weights, biases = [], []
+    for k, (fan_in, fan_out) in enumerate(sizes):
+        # the head begins near zero: no torque before there is a reason
+        gain = (1.0 if k + 1 < len(sizes) else 0.1) / fan_in**0.5
+        shape = (settings.members, n, fan_in, fan_out)
+        weight = gain * torch.randn(shape, generator=generator)
+        bias = torch.zeros(settings.members, n, fan_out)
+        for parts, part in ((weights, weight), (biases, bias)):
+            parts.append(Tensor(part.to(where).requires_grad_()))
+    return Network(settings.form, seen, tuple(weights), tuple(biases))  # type: ignore[arg-type]
 
-    seen: torch.Tensor
 
-    def __init__(
-        self, settings: ResidualSettings, inputs: Inputs, generator: torch.Generator
-    ) -> None:
-        super().__init__()
-        self.form, n = settings.form, inputs.n
-        width = settings.hidden
-        if self.form == "mlp":
-            seen = inputs.seen_by_mlp
-            sizes = [(len(seen), width), (width, width), (width, 2)]
-        else:
-            # each layer joins two neighbours of the layer before
-            seen = np.arange(inputs.taps * inputs.channels)
-            first, last = (2 * inputs.channels, width), (width, 2)
-            sizes = [first, *[(2 * width, width)] * (TCN_LAYERS - 1), last]
-        self.register_buffer("seen", torch.as_tensor(seen))
-        self.weights, self.biases = torch.nn.ParameterList(), torch.nn.ParameterList()
-        for k, (fan_in, fan_out) in enumerate(sizes):
-            # the head begins near zero: no torque before there is a reason
-            gain = (1.0 if k + 1 < len(sizes) else 0.1) / fan_in**0.5
-            shape = (settings.members, n, fan_in, fan_out)
-            self.weights.append(gain * torch.randn(shape, generator=generator))
-            self.biases.append(torch.zeros(settings.members, n, fan_out))
-
-    def forward(self, windows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean and log variance, each (M, n, N), of windows (n, N, taps, C)."""
-        n, count = windows.shape[:2]
-        flat = windows.reshape(n, count, -1)
-        h = (flat[:, :, self.seen] if self.form == "mlp" else flat)[None]
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            h = h.reshape(h.shape[0], n, -1, weight.shape[2])
-            h = torch.tanh(h @ weight + bias[:, :, None])
-        h = h.reshape(h.shape[0], n, count, -1)
-        outputs = h @ self.weights[-1] + self.biases[-1][:, :, None]
-        return outputs[..., 0], outputs[..., 1].clamp(*LOG_VARIANCE)
-
-    def arrays(self) -> Network:
-        """The same networks as arrays."""
-        weights, biases = (
-            tuple(x.detach().cpu().double().numpy() for x in parameters)
-            for parameters in (self.weights, self.biases)
-        )
-        return Network(self.form, self.seen.cpu().numpy(), weights, biases)
+def as_arrays(network: Network) -> Network:
+    """A network of tensors as one of arrays."""
+    weights, biases = (
+        tuple(x.tensor.detach().cpu().double().numpy() for x in parts)  # type: ignore[attr-defined]
+        for parts in (network.weights, network.biases)
+    )
+    return replace(network, weights=weights, biases=biases)
 
 
 def train(
@@ -825,9 +873,8 @@ def train(
         progress: called with a few words at times.
     """
     with repeatable(settings.seed) as generator:
-        ensemble = Ensemble(settings, rows.inputs, generator)
         where = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        ensemble.to(where)
+        network = begun(settings, rows.inputs, generator, where)
 
         def tensor(array: np.ndarray) -> torch.Tensor:
             return torch.as_tensor(array, dtype=torch.float32, device=where)
@@ -836,14 +883,16 @@ def train(
         y = tensor(rows.targets.transpose(0, 2, 1))
         square = tensor(rows.weight.T**2)
         fitted = tensor(rows.fitted)[:, None] * square
-        optimiser = torch.optim.AdamW(ensemble.parameters(), lr=RATE, weight_decay=1.0)
+        trained = [x.tensor for x in (*network.weights, *network.biases)]  # type: ignore[attr-defined]
+        optimiser = torch.optim.AdamW(trained, lr=RATE, weight_decay=1.0)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.steps)
         for step in range(1, settings.steps + 1):
             chosen = torch.randint(x.shape[1], (BATCH,), generator=generator)
             chosen = chosen.to(where)
             optimiser.zero_grad(set_to_none=True)
             mask = fitted[:, :, chosen]
-            mean, log_variance = ensemble(x[:, chosen])
+            said: Any = network.outputs(Tensor(x[:, chosen]))  # type: ignore[arg-type]
+            mean, log_variance = (own.tensor for own in said)
             loss = _likelihood(mean, log_variance, y[:, :, chosen]) * mask
             # mean over the rows that a member is fitted to, sum over members and joints
             mean_loss = loss.sum(dim=2) / mask.sum(dim=2).clamp(min=1e-9)
@@ -854,7 +903,7 @@ def train(
                 progress(
                     f"trains the {settings.form.upper()}: step {step} of {settings.steps}"
                 )
-        return ensemble.arrays()
+        return as_arrays(network)
 
 
 def _likelihood(
