@@ -25,7 +25,7 @@ from gapscope.ident.estimators.linear import (
     weighted_factor,
     whitened,
 )
-from gapscope.ident.model.base_parameters import TINY, Factor
+from gapscope.ident.model.base_parameters import ROUNDING, TINY, Factor
 from gapscope.ident.samples import (
     STRIBECK_SPEEDS,
     Problem,
@@ -33,7 +33,7 @@ from gapscope.ident.samples import (
     check_rank,
     equal_parts,
 )
-from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.conditioning import BY_CHANCE, TORQUE_CUTOFF
 from gapscope.model.design import PRECISE, WAVES, drawn_waves
 from gapscope.model.effective_samples import (
     autocovariance,
@@ -321,7 +321,7 @@ def block_length(scores: np.ndarray, group: np.ndarray) -> int:
 
     g = sum_k w_k R_k and G = sum_k w_k |k| R_k with autocovariances R_k and the flat-top window w_k, which is 1 up to
     m, falls to 0 at 2 m, and m is the first lag beyond which the correlation stays within 2 sqrt(log10(N) / N) for
-    max(5, sqrt(log10 N)) lags. At least 1, and at most a fifth of the samples. Source: politis2004.
+    5 lags. At least 1, and at most a fifth of the samples. Source: politis2004.
 
     Args:
         scores: series, shape (N, b).
@@ -330,7 +330,7 @@ def block_length(scores: np.ndarray, group: np.ndarray) -> int:
     n = len(scores)
     lags = min(n - 1, int(2 * np.sqrt(n)) + 50)
     covariance = autocovariance(scores - scores.mean(axis=0), group, lags)
-    stay = max(5, int(np.sqrt(np.log10(n))))
+    stay = 5
     lengths = []
     # a parameter that no sample moves has no memory
     for column in covariance[:, covariance[0] > 1e-12 * covariance[0].max() + TINY].T:
@@ -467,8 +467,6 @@ def refit_jackknife(problem: Problem, estimator: Estimator) -> Uncertainty:
 
 HELD_OUT = 4
 """Stretches of time, at least, that are compared, or predicted one at a time from the others."""
-REPEAT_DOUBT = 0.01
-"""Chance below which noise alone is not believed."""
 FACTOR = 2.0
 """And the factor by which variances have to differ, since the stated one is itself an estimate."""
 
@@ -545,7 +543,7 @@ def compare_groups(
         "they differ as much as the errors that they state; an error that all of them share, such as the form of "
         "the friction makes, does not show here",
     )
-    surprising = p_value <= REPEAT_DOUBT
+    surprising = p_value <= BY_CHANCE
     if surprising and ratio >= FACTOR:
         verdict = "model error that differs between groups"
         meaning = (
@@ -728,7 +726,7 @@ def _missed_by_parameters(
     for span, gram in zip(spans, grams, strict=True):
         values, vectors = np.linalg.eigh((total - gram) * np.outer(unit, unit))
         # a direction that the others do not determine at all is missed by any amount
-        spread = (weighted[span] * unit) @ (vectors / np.sqrt(values.clip(1e-14)))
+        spread = (weighted[span] * unit) @ (vectors / np.sqrt(values.clip(ROUNDING**2)))
         own = np.einsum("ijb,ijc->jbc", spread, spread, optimize=True)
         # the trace is the sum of l, the norm squared the sum of l^2
         sums += np.trace(own, axis1=1, axis2=2)

@@ -39,6 +39,7 @@ from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.severity import draw
 from gapscope.ident.model.base_parameters import (
+    FLOOR,
     ROUNDING,
     STATES,
     TINY,
@@ -576,10 +577,6 @@ class Parametrisation:
 # How well a trajectory excites: functions of the eigenvalues of the information matrix W^T W.
 
 
-FLOOR = 1e-13
-"""Eigenvalues below this share of the largest count as this [1]."""
-
-
 @dataclass(frozen=True)
 class Criterion:
     """A sum w . log s over the singular values s of W S, ascending, to be made small.
@@ -619,7 +616,9 @@ class Criterion:
         scale = np.where(scale > 0, scale, 1.0)
         scaled = flat / scale
         values, vectors = np.linalg.eigh(scaled.T @ scaled)
-        return np.maximum(values, FLOOR * values[-1] + TINY), vectors, scaled, scale
+        # below rounding of so many products no eigenvalue is known
+        least = len(values) * FLOOR * values[-1] + TINY
+        return np.maximum(values, least), vectors, scaled, scale
 
 
 def _ends(least: float, largest: float) -> Callable[[int], np.ndarray]:
@@ -720,9 +719,9 @@ def separator_of(
 
 DEGREE = 2
 """Degree of the columns as trigonometric polynomials of a position."""
-SHIFTS = np.pi * (np.arange(2 * DEGREE) + 0.5) / DEGREE
+SHIFTS = np.pi * (2 * np.arange(2 * DEGREE) + 1) / (2 * DEGREE)
 """Shifts from which the derivative of such a polynomial is exact [rad]."""
-WEIGHTS = (-1.0) ** np.arange(2 * DEGREE) / (4 * DEGREE * np.sin(SHIFTS / 2) ** 2)
+WEIGHTS = (-1.0) ** np.arange(2 * DEGREE) / (2 * DEGREE * (1 - np.cos(SHIFTS)))
 """Their weights."""
 
 
@@ -815,7 +814,7 @@ DISTANCE_SCALE = 0.1
 TOLERATED = np.array(list(TIGHTER.values())) / [2, 2, 2 * DISTANCE_SCALE]
 """Breaches that still count as kept: half of what the limits are tightened by [1]. Up to there the penalty grows with
 the square, so that a descent does not stall on the edge of what is allowed."""
-SLOPE_STEP = 1e-4
+SLOPE_STEP = np.sqrt(ROUNDING)
 """Step of the differences of singular value and distance [rad]."""
 
 

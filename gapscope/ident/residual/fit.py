@@ -37,9 +37,9 @@ from gapscope.effects.residual import (
     nearest,
     part_of_each,
 )
-from gapscope.ident.model.base_parameters import TINY, WORTH
+from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
-from gapscope.ident.samples import PER_CUTOFF, split
+from gapscope.ident.samples import MOVING, PER_CUTOFF, split
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -121,10 +121,6 @@ class ResidualSettings:
 # Keeping a network and the physics apart: projections on the columns of the physics, in weighted torque.
 
 
-DEPENDENT = 1e-7
-"""Singular value of unit columns, over the largest, below which a direction counts as none."""
-
-
 def basis(columns: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Orthonormal basis Q of the columns, (M, n, p), each joint's rows divided by its scale [N m]; (M, n, r)."""
     if not columns.any():
@@ -134,7 +130,7 @@ def basis(columns: np.ndarray, scale: np.ndarray) -> np.ndarray:
     unit = stacked[:, norms > 0] / norms[norms > 0]
     u, size, _ = np.linalg.svd(unit, full_matrices=False)
     if size.size:
-        u = u[:, size > DEPENDENT * size[0]]
+        u = u[:, size > ROUNDING * size[0]]
     return u.reshape(*columns.shape[:2], -1)
 
 
@@ -374,7 +370,7 @@ def groups(trajectories: Sequence[Trajectory], members: int) -> np.ndarray:
     if not trajectories:
         raise InputError("no trajectory to train on", "give recordings with a torque")
     # held out by trajectory, which is stricter than by time
-    if len(trajectories) >= 3:
+    if len(trajectories) > 2:
         lengths = [len(x.rows) for x in trajectories]
         return np.repeat(np.arange(len(trajectories)), lengths)
     blocks = -(-members // len(trajectories))  # rounded up
@@ -541,10 +537,8 @@ def _reach(now: np.ndarray, group: np.ndarray) -> np.ndarray:
 # Weights of a sum of functions whose sizes, part by part, are chosen by the evidence of the data.
 
 
-PRIOR_RANGE = (-12.0, 4.0)
-"""Range of the logarithm of a part's prior variance, over that of the target."""
-NOISE_RANGE = (-9.0, 1.0)
-"""Range of the logarithm of the noise variance, likewise."""
+LOG_RANGE = (-12.0, 4.0)
+"""Range of the logarithms of a part's prior variance and of the noise's, over that of the target."""
 ITERATIONS = 25
 """Iterations of the search."""
 
@@ -657,8 +651,6 @@ def usefulness(
 
 SHARES = (1.0, 0.2, 0.03)
 """Shares of the rows tried as independent; the one that predicts held-out rows best is kept."""
-FIRST_SIZE, FIRST_NOISE = -3.0, -0.5
-"""Logarithms of the first variances of a part and of the noise, over that of the target."""
 
 
 def fit_additive(rows: ResidualRows, seed: int, progress: Progress = silent) -> Network:
@@ -708,8 +700,8 @@ def _fit_joint(
 
     whole = equations(target, rows.group >= 0)
     each = list(map(equations, rows.targets[..., joint], rows.fitted))
-    logs = np.append(np.full(int(part.max()) + 1, FIRST_SIZE), FIRST_NOISE)
-    ranges = [PRIOR_RANGE] * (len(logs) - 1) + [NOISE_RANGE]
+    # at first each part, and the noise, may be all of the target
+    logs = np.zeros(int(part.max()) + 2)
     least, kept = np.inf, np.zeros((len(each), x.shape[1]))
     for share in SHARES:
         # sizes under which the data are most probable, from those of the share before
@@ -719,7 +711,7 @@ def _fit_joint(
             args=(whole, part, share),
             jac=True,
             method="L-BFGS-B",
-            bounds=ranges,
+            bounds=[LOG_RANGE] * len(logs),
             options={"maxiter": ITERATIONS},
         ).x
         means = []
@@ -736,8 +728,6 @@ def _fit_joint(
 # Training of a residual network by torch: a heteroscedastic ensemble, bitwise repeatable.
 
 
-BETA = 0.5
-"""Weight of the likelihood's gradient by variance^beta: rows of large variance are not given up early."""
 EVERY = 250
 """Steps between two reports of progress."""
 
@@ -839,7 +829,8 @@ def begun(
         seen = np.arange(inputs.taps * inputs.channels)
         first, last = (2 * inputs.channels, width), (width, 2)
         sizes = [first, *[(2 * width, width)] * (TCN_LAYERS - 1), last]
-    weights, biases = [], []
+    weights: list[Any] = []
+    biases: list[Any] = []
     for k, (fan_in, fan_out) in enumerate(sizes):
         # the head begins near zero: no torque before there is a reason
         gain = (1.0 if k + 1 < len(sizes) else 0.1) / fan_in**0.5
@@ -848,7 +839,7 @@ def begun(
         bias = torch.zeros(settings.members, n, fan_out)
         for parts, part in ((weights, weight), (biases, bias)):
             parts.append(Tensor(part.to(where).requires_grad_()))
-    return Network(settings.form, seen, tuple(weights), tuple(biases))  # type: ignore[arg-type]
+    return Network(settings.form, seen, tuple(weights), tuple(biases))
 
 
 def as_arrays(network: Network) -> Network:
@@ -909,9 +900,12 @@ def train(
 def _likelihood(
     mean: torch.Tensor, log_variance: torch.Tensor, y: torch.Tensor
 ) -> torch.Tensor:
-    """Negative log-likelihood times variance^beta, (M, n, N). Source: seitzer2022."""
+    """Negative log-likelihood times the deviation, so that rows of large variance are not given up early, (M, n, N).
+
+    Source: seitzer2022.
+    """
     loss = 0.5 * (log_variance + (y - mean) ** 2 / log_variance.exp())
-    return loss * log_variance.detach().exp() ** BETA
+    return loss * log_variance.detach().exp().sqrt()
 
 
 # Which joints a network speaks on, and how loud: judged after the projection, on what members had held out.
@@ -989,7 +983,6 @@ class Report:
         in_output: the same of the network's output, before and after the projection of the heads [1].
         moves: by how many standard deviations each parameter of the effects would move if it were refitted with the
             network in place, before and after the projection; each (k,).
-        clipped, doubted: share of the rows on which the bound, and trust below 1, act [1].
     """
 
     by_form: dict[str, np.ndarray]
@@ -1001,8 +994,6 @@ class Report:
     in_target: float
     in_output: tuple[float, float]
     moves: tuple[np.ndarray, np.ndarray]
-    clipped: float
-    doubted: float
 
 
 def fit_residual(
@@ -1093,8 +1084,6 @@ def fit_residual(
         in_target=1.0 - float(target_share),
         in_output=(share_explained(rows.q, before), share_explained(rows.q, after)),
         moves=(moves[0], moves[1]),
-        clipped=float((np.abs(after * rows.scale) > residual.bound).mean()),
-        doubted=float((residual.trust.factor(near) < 1.0).mean()),
     )
     return residual, report
 
@@ -1133,8 +1122,6 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
 # A residual network learnt from a case and judged on recordings set aside, joint by joint.
 
 
-TREE_RATE = 50.0
-"""Rate at which trees are evaluated along a motion, about [Hz]; what they say is low-passed after."""
 Predict = Callable[[Motion, np.ndarray], np.ndarray]
 """Torque [N m], (N, n), on a motion with the load that the corrected arm predicts [N m], (N, n)."""
 
@@ -1267,7 +1254,8 @@ def boosted_trees(rows: ResidualRows) -> Predict:
     ]
 
     def predict(motion: Motion, load: np.ndarray) -> np.ndarray:
-        step = max(1, int(motion.rate / TREE_RATE))
+        # what they say is low-passed after
+        step = max(1, int(motion.rate * SPACING))
         at = np.arange(0, len(motion.t), step)
         inputs = seen(rows.inputs.windows(motion, load, at))
         said = [model.predict(x) for model, x in zip(models, inputs, strict=True)]
@@ -1287,8 +1275,6 @@ BINS = 30
 """Bins of a curve, each with as many samples."""
 FEWEST = 8
 """Samples that a bin holds at least."""
-SLOW = 0.02
-"""A joint moves forward or backward when it is faster than this [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -1320,7 +1306,7 @@ def learnt_curves(found: LearntResidual, joint: int) -> list[LearntCurve]:
         parts.append(np.array([values[x.rows, joint] for values in series]))
     position, velocity, load, residual, network = np.concatenate(parts, axis=1)
     every = np.ones(len(velocity), dtype=bool)
-    forward, backward = velocity > SLOW, velocity < -SLOW
+    forward, backward = velocity > MOVING, velocity < -MOVING
     curves = []
     for over, signal, direction, rows in (
         ("position", position, "forward", forward),
