@@ -128,34 +128,27 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
     parts = [problem.matrix, functions, left[:, :, None]]
     every = np.concatenate(parts, axis=2).transpose(1, 2, 0)
     sums = every @ every.transpose(0, 2, 1)
+    unknown = np.repeat([0.0, 1.0], [b, n * count])
     for _ in range(ROUNDS):
-        weighted = sums / noise2[:, None, None]
-        # what is shared by all joints eliminated from what each has of its own
-        shared = weighted[:, :b, :b].sum(axis=0)
-        cross = np.concatenate(list(weighted[:, b:-1, :b]))
-        pull = weighted[:, :b, -1].sum(axis=0)
-        # units differ by orders of magnitude: the inverse is of a unit diagonal
-        scale = 1 / np.sqrt(np.diag(shared).clip(TINY))
-        inverse = np.linalg.pinv(shared * np.outer(scale, scale), hermitian=True)
-        inverse = inverse * np.outer(scale, scale)
-        # functions of two joints depend on each other by the parameters they share
-        information = -cross @ inverse @ cross.T
-        right = weighted[:, b:-1, -1].ravel() - cross @ inverse @ pull
-        for j, own in enumerate(weighted[:, b:-1, b:-1]):
-            at = slice(j * count, (j + 1) * count)
-            information[at, at] += own
-        # in units of the amplitudes, so that one that vanishes leaves it regular
-        size = np.sqrt(variance.ravel())
-        inner = np.linalg.inv(np.eye(n * count) + information * np.outer(size, size))
-        value = size * (inner @ (size * right))
+        # parameters are shared by all joints, functions belong to one
+        gram, right = np.zeros((len(unknown), len(unknown))), np.zeros(len(unknown))
+        for j, own in enumerate(sums / noise2[:, None, None]):
+            at = np.r_[:b, b + j * count : b + (j + 1) * count]
+            gram[np.ix_(at, at)] += own[:-1, :-1]
+            right[at] += own[:-1, -1]
+        # in units of the columns, and of the amplitudes, so that one that vanishes leaves it regular
+        scale = 1 / np.sqrt(np.diag(gram)[:b].clip(TINY))
+        size = np.append(scale, np.sqrt(variance))
+        information = np.diag(unknown) + gram * np.outer(size, size)
+        inner = np.linalg.pinv(information, hermitian=True)
+        change, value = np.split(size * (inner @ (size * right)), [b])
         # what the functions take over the estimate gives back
-        change = inverse @ (pull - cross.T @ value)
         noise = left - problem.matrix @ change
         noise = noise - np.einsum("njk,jk->nj", functions, value.reshape(n, count))
         inflation = variance_inflation(noise, problem.group)
         noise2 = np.maximum((noise**2).mean(axis=0) * inflation, 1e-18 * scale2)
         # as many as data determine, of the functions that share an amplitude
-        determined = (1.0 - np.diag(inner)).reshape(n, count)
+        determined = (1.0 - np.diag(inner)[b:]).reshape(n, count)
         squares = np.add.reduceat(value.reshape(n, count) ** 2, starts, axis=1)
         gamma = np.add.reduceat(determined, starts, axis=1)
         before = variance
@@ -165,7 +158,7 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
         if (np.abs(variance - before) <= SETTLED * before).all():
             break
     # what the data say of one function they say of others too: those that replace each other do not add up
-    moment = np.outer(value, value) + inner * np.outer(size, size)
+    moment = np.outer(value, value) + (inner * np.outer(size, size))[b:, b:]
     return FormError(noise, moment)
 
 
@@ -294,14 +287,12 @@ class Uncertainty:
     Attributes:
         covariance: shape (b, b).
         freedom: degrees of freedom of its variances, about the number of independent blocks [1].
-        length: samples per block.
         by_blocks: the covariance if what the unknown form of the friction does is taken for noise, (b, b); ``None``
             if that is the covariance itself.
     """
 
     covariance: np.ndarray
     freedom: float
-    length: int
     by_blocks: np.ndarray | None = None
 
     @property
@@ -415,14 +406,14 @@ def jackknife(
         score = scale * scores[block].sum(axis=0)
         # the rest may not determine a direction: the shortest change then
         changes.append(scale * np.linalg.lstsq(others, score, rcond=1e-14)[0])
-    return _of_changes(np.array(changes), length)
+    return _of_changes(np.array(changes))
 
 
-def _of_changes(change: np.ndarray, length: int) -> Uncertainty:
+def _of_changes(change: np.ndarray) -> Uncertainty:
     """(B - 1) / B sum_k d_k d_k^T of the changes without each of B blocks, (B, b), of B - 1 degrees of freedom."""
     count = len(change)
     covariance = (count - 1) / count * change.T @ change
-    return Uncertainty(covariance, max(count - 1.0, 1.0), length)
+    return Uncertainty(covariance, max(count - 1.0, 1.0))
 
 
 def _blocks(group: np.ndarray, length: float) -> list[slice]:
@@ -459,7 +450,7 @@ def refit_jackknife(problem: Problem, estimator: Estimator) -> Uncertainty:
     spans = _blocks(problem.group, len(problem.group) / STRETCHES)
     found = np.array(list(_without_each(problem, spans, estimator)))
     change = found - found.mean(axis=0)
-    return _of_changes(change, len(problem.torque) // len(spans))
+    return _of_changes(change)
 
 
 # Repeated groups: identify each stretch alone; how much the results differ distinguishes noise from model error.

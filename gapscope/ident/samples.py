@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 from scipy.signal import periodogram
 
 from gapscope.arm.case import Case
@@ -580,19 +579,20 @@ def count_samples(samples: Samples, parameters: int) -> SampleCount:
 
 def _bandwidth(samples: Samples) -> np.ndarray:
     """Frequency below which ``POWER`` of the power of each joint's torque lies [Hz], shape (n,)."""
-    rates = 1.0 / samples.interval
-    grid = np.linspace(0.0, min(samples.band.cutoff, rates.max() / 2), 512)
-    power = np.zeros((len(grid), samples.torque.shape[1]))
+    frequencies, energies = [], []
     for rows in group_slices(samples.group):
-        rate, torque = rates[rows.start], samples.torque[rows]
-        frequency, density = periodogram(torque, rate, "hann", axis=0)
-        # groups differ in length: their energies are added on a common grid
-        energy = density * (len(torque) / rate)
-        # up to half its rate: a slower group says nothing beyond
-        known = grid[grid <= rate / 2]
-        power[: len(known)] += make_interp_spline(frequency, energy, k=1)(known)
-    share_below = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), TINY)
-    return np.asarray(grid[np.argmax(share_below >= POWER, axis=0)])
+        interval, torque = samples.interval[rows.start], samples.torque[rows]
+        frequency, power = periodogram(
+            torque, 1 / interval, "hann", scaling="spectrum", axis=0
+        )
+        frequencies.append(frequency)
+        # groups differ in length: of longer ones the same power is more energy
+        energies.append(power * len(torque) * interval)
+    frequency = np.concatenate(frequencies)
+    order = np.argsort(frequency, kind="stable")
+    below = np.cumsum(np.concatenate(energies)[order], axis=0)
+    share_below = below / np.maximum(below[-1], TINY)
+    return np.asarray(frequency[order][np.argmax(share_below >= POWER, axis=0)])
 
 
 # Which recordings are fitted, and which are held out.

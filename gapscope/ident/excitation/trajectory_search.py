@@ -1123,20 +1123,17 @@ def swarm(search: TrajectorySearch, rng: np.random.Generator) -> None:
     v <- w v + c r1 (own best - x) + c r2 (best of all - x), x <- x + v, with r1, r2 uniform per coordinate.
     """
     x = random_starts(search, rng, PARTICLES)
-    best = x.copy()
-    scores = np.array([search.score(particle) for particle in x])
+    best, scores = x.copy(), np.full(PARTICLES, np.inf)
     v = 0.1 * rng.standard_normal(x.shape)
-    while not search.spent:
-        for i in range(PARTICLES):
-            leader = best[int(scores.argmin())]
-            own, common = rng.uniform(0.0, PULL, (2, x.shape[1]))
-            to_own, to_leader = best[i] - x[i], leader - x[i]
-            v[i] = INERTIA * v[i] + own * to_own + common * to_leader
-            # far out all candidates map to the edge of the limits
-            x[i] = np.clip(x[i] + v[i], -REACH, REACH)
-            score = search.score(x[i])
+    while True:
+        for i, particle in enumerate(x):
+            score = search.score(particle)
             if score < scores[i]:
-                best[i] = x[i]
-                scores[i] = score
+                best[i], scores[i] = particle, score
             if search.spent:
-                break
+                return
+        own, common = rng.uniform(0.0, PULL, (2, *x.shape))
+        leader = best[scores.argmin()]
+        v = INERTIA * v + own * (best - x) + common * (leader - x)
+        # far out all candidates map to the edge of the limits
+        x = np.clip(x + v, -REACH, REACH)
