@@ -310,35 +310,18 @@ class Uncertainty:
 def block_length(scores: np.ndarray, group: np.ndarray) -> int:
     """Length of blocks [samples] for the variance of a mean: (3 G^2 / (2 g^2))^(1/3) N^(1/3), averaged over columns.
 
-    g = sum_k w_k R_k and G = sum_k w_k |k| R_k with autocovariances R_k and the flat-top window w_k, which is 1 up to
-    m, falls to 0 at 2 m, and m is the first lag beyond which the correlation stays within 2 sqrt(log10(N) / N) for
-    5 lags. At least 1, and at most a fifth of the samples. Source: politis2004.
+    g = sum_k R_k and G = sum_k |k| R_k with autocovariances R_k. Of an autoregressive series of which f samples count
+    as one (``variance_inflation``) G / g is (f^2 - 1) / (2 f). At least 1, and at most a fifth of the samples.
+    Source: politis2004.
 
     Args:
         scores: series, shape (N, b).
         group: shape (N,).
     """
-    n = len(scores)
-    lags = min(n - 1, int(2 * np.sqrt(n)) + 50)
-    covariance = autocovariance(scores - scores.mean(axis=0), group, lags)
-    stay = 5
-    lengths = []
-    # a parameter that no sample moves has no memory
-    for column in covariance[:, covariance[0] > 1e-12 * covariance[0].max() + TINY].T:
-        # m: the first lag after which the correlation is insignificant for several lags in a row
-        quiet = np.abs(column[1:] / column[0]) < 2 * np.sqrt(np.log10(n) / n)
-        runs = np.convolve(quiet, np.ones(stay), "valid") >= stay
-        m = int(np.argmax(runs)) + 1 if runs.any() else lags // 2
-        lag = np.arange(min(2 * m, lags) + 1)
-        flat_top = np.clip(2 * (1 - lag / (2 * m)), 0, 1)
-        weighted = flat_top * np.where(lag == 0, 1.0, 2.0) * column[lag]
-        density, slope = weighted.sum(), (lag * weighted).sum()
-        # a spectrum that dips at frequency 0 says nothing about memory
-        if density > 0.1 * column[0]:
-            lengths.append((1.5 * slope**2 / density**2 * n) ** (1 / 3))
-    if not lengths:
-        return 1
-    return int(np.clip(np.ceil(np.mean(lengths)), 1, max(1, n // 5)))
+    f = variance_inflation(scores - scores.mean(axis=0), group)
+    memory = (f**2 - 1) / (2 * f)
+    length = np.mean((3 / 2 * memory**2 * len(scores)) ** (1 / 3))
+    return int(np.clip(np.ceil(length), 1, max(1, len(scores) // 5)))
 
 
 def block_jackknife(
