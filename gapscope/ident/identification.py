@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky
-from scipy.ndimage import binary_opening
 from scipy.optimize import least_squares
 from scipy.signal import welch
 
@@ -17,7 +16,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nearest_name import check_known
-from gapscope.arm.recording import Recording, resting
+from gapscope.arm.recording import Recording, held_torque, resting
 from gapscope.ident.estimators.by_name import SIMULATING, Given, method
 from gapscope.ident.estimators.linear import (
     Estimate,
@@ -28,6 +27,7 @@ from gapscope.ident.estimators.linear import (
 )
 from gapscope.ident.estimators.simulating import closed_loop
 from gapscope.ident.intervals import (
+    MATERIAL,
     GroupComparison,
     PredictedTorque,
     TorqueInterval,
@@ -42,6 +42,8 @@ from gapscope.ident.intervals import (
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, follow_states, review
 from gapscope.ident.model.base_parameters import (
     CONDITION_LIMIT,
+    CONTRIBUTION,
+    ROUNDING,
     STATES,
     TINY,
     BaseParameters,
@@ -66,7 +68,6 @@ from gapscope.ident.samples import (
     AT_LIMIT,
     MOVING,
     PER_CUTOFF,
-    PULLS,
     Band,
     Choice,
     FrictionLaw,
@@ -104,14 +105,8 @@ LEAST = np.deg2rad(1.0)
 """Smaller offsets are no reason to ask [rad]."""
 CERTAIN = 8.0
 """An offset of fewer standard deviations is no reason to ask; model error makes them too small on real arms [1]."""
-WORTH = 0.1
-"""Offsets have to lower the cost of the fit by this share [1]."""
-LARGEST = np.deg2rad(45.0)
+LARGEST = np.pi / 4
 """Offsets are sought up to this; one that ends there is not determined [rad]."""
-CLOSE = 1e-4
-"""The search ends when offsets move by less than this share of their size [1]..."""
-SETTLED = 1e-5
-"""...or the cost falls by less than this share [1]: less than the noise of the data makes of it."""
 
 
 @dataclass(frozen=True)
@@ -172,8 +167,8 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
         np.zeros(n),
         jac=lambda offset: at(tuple(offset)).jacobian,
         bounds=(-widest, widest),
-        xtol=CLOSE,
-        ftol=SETTLED,
+        # less than the noise of the data makes of the cost
+        ftol=CONTRIBUTION**2,
     )
     # the same cost without offsets is the rival: the gain is by the offsets alone
     without, final = at((0.0,) * n), at(tuple(found.x))
@@ -190,7 +185,9 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
     known &= ~np.array(columns.arm.sliding) & bool(found.success)
     size = np.abs(found.x)
     certain = known & (size > LEAST) & (size > CERTAIN * deviation)
-    better = final.cost < (1 - WORTH) * without.cost or with_offsets < impossible
+    better = (
+        final.cost < (1 - MATERIAL) ** 2 * without.cost or with_offsets < impossible
+    )
     asked = np.flatnonzero(certain & better)
     return JointZeros(found.x, deviation, known, asked)
 
@@ -256,12 +253,10 @@ def _reduced(
     whole = np.hstack([whole[:, :-1], stacked(slopes), whole[:, -1:]])
     gram = whole.T @ whole
     # penalties are further rows: sqrt(w) (x - x0), and (delta + step) / WIDTH
-    pull = np.concatenate([weight, np.full(n, WIDTH**-2.0)])
+    pull = np.concatenate([np.sqrt(weight), np.full(n, 1 / WIDTH)])
     target = np.concatenate([nominal, -offset])
-    gram[:-1, :-1] += np.diag(pull)
-    gram[:-1, -1] += pull * target
-    gram[-1, :-1] = gram[:-1, -1]
-    gram[-1, -1] += target @ (pull * target)
+    penalties = np.column_stack([np.diag(pull), pull * target])
+    gram += penalties.T @ penalties
     # rows below those of x hold what x cannot explain: [S, y] in n + 1 directions
     rest = _triangular(gram)[p:, p:]
     return _Reduced(value, rest[:, -1], -rest[:, :-1])
@@ -280,10 +275,6 @@ def _triangular(gram: np.ndarray) -> np.ndarray:
 
 FILTERS = ("recursive", "unscented")
 """What follows the parameters over time; the recursive filter always does."""
-
-
-HELD = 1e6
-"""Pull on a parameter that is kept, over the usual one and the squares of its column at unit noise [1]."""
 
 
 @dataclass(frozen=True)
@@ -435,7 +426,8 @@ def fit_parameters(
     penalty = choice.pull * penalties(samples, choice.law, squares)
     kept = _places(settings.keep, columns.names(choice.law), columns.arm.n_joints)
     # stiffer than all samples together
-    penalty[kept] = HELD * (penalty[kept] + squares[kept] / samples.torque.size)
+    held = penalty[kept] + squares[kept] / samples.torque.size
+    penalty[kept] = held / ROUNDING
     # bodies are near if their torque is, not their parameters
     flat = unit_noise[:, :, base.kept].reshape(-1, base.count)
     physical = consistent(
@@ -502,9 +494,6 @@ def _sample_base(
 __all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"]
 
 # Which parameters of an arm a motion determines: rank, condition, spectrum.
-
-
-_WEAK = 0.3
 
 
 @dataclass(frozen=True)
@@ -576,7 +565,7 @@ def identifiability(samples: np.ndarray, base: BaseParameters) -> Identifiabilit
         condition=float(np.linalg.cond(unit)),
         condition_limit=CONDITION_LIMIT,
         singular_values=relative,
-        weakest=tuple(names[k] for k in order if last[k] > _WEAK * last.max()),
+        weakest=tuple(names[k] for k in order if last[k] > last.max() / 2),
         column_norms=dict(zip(base.names, seen.tolist(), strict=True)),
     )
 
@@ -967,10 +956,6 @@ BODIES = "unphysical"
 """Row of the table that says whether parameters of no body are certain."""
 SAID_OTHERWISE = ("low_speed_friction", "resting_joint", "condition", BODIES)
 """Rows of the table that need no warning, or have a fuller one."""
-SLOW, FAST = 0.1, 0.95
-"""A joint hardly moves below this share of its speed, which it exceeds for the rest of this share of the time [1]."""
-FLAT = 3
-"""Equal samples in a row at a joint's largest torque that count as clipped."""
 
 
 @dataclass(frozen=True)
@@ -1063,7 +1048,7 @@ def troubleshooting(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row
     yield impossible
     yield _row(
         "low_speed_friction",
-        _near_rest(fitted.choice),
+        fitted.choice.stribeck_gain,
         0.05,
         symptom="residual peaks where a joint reverses",
         cause="low-speed friction other than Coulomb plus viscous: falls as the joint moves off, "
@@ -1144,8 +1129,7 @@ def _time_offset(fit: FittedParameters) -> tuple[np.ndarray, np.ndarray]:
     not count.
     """
     samples, base, fitted = fit.samples, fit.base, fit.fitted_torque
-    n, speed = fitted.shape[1], np.abs(samples.velocity)
-    moving = speed > SLOW * np.quantile(speed, FAST, axis=0)
+    n, moving = fitted.shape[1], np.abs(samples.velocity) > MOVING
     weight = moving / fit.choice.noise
     residual = (samples.torque - fitted) * weight
     # of the fitted torque, whose derivative has no noise; never across a gap
@@ -1217,31 +1201,17 @@ def _spectral(
 def _clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.ndarray:
     """Share of the samples at which a joint's torque is at its limit [1], shape (n,).
 
-    At ``AT_LIMIT`` of the limit [N m] if the data sheet has one; and in any case if the torque stays exactly at its
-    largest or smallest value for ``FLAT`` samples.
+    At ``AT_LIMIT`` of the limit [N m] if the data sheet has one; and in any case if the torque stands at its largest or
+    smallest value for longer than its values usually last.
     """
-    torques = [np.asarray(r.tau) for r in recordings]
-    whole = np.concatenate(torques)
-    ends, count = (whole.max(axis=0), whole.min(axis=0)), np.zeros(whole.shape[1])
-    for tau in torques:
-        extreme = np.isclose(tau, ends[0]) | np.isclose(tau, ends[1])
-        # opening drops runs shorter than this: one sample at an extreme is a turn
-        at_limit = binary_opening(extreme, np.ones((FLAT, 1)))
+    counted = []
+    for recording in recordings:
+        tau = np.asarray(recording.tau)
+        at_limit = held_torque(recording.t, recording.q, tau).clipped
         if limit is not None:
-            at_limit |= np.abs(tau) >= AT_LIMIT * limit
-        count += at_limit.sum(axis=0)
-    return count / len(whole)
-
-
-def _near_rest(choice: Choice) -> float:
-    """Share by which a Stribeck term lowers the error on held-out stretches [1]."""
-    # the pulls come last: other pulls, over the noise of the law that was chosen
-    laws = choice.tried[: -len(PULLS)]
-    tried = [entry for entry in laws if "direction kept" not in entry[0]]
-    stribeck = [error for law, error in tried if "Stribeck" in law]
-    # the first tried is the plain law, all later ones build on the choice
-    without = [error for law, error in tried if "Stribeck" not in law]
-    return 1 - min(stribeck) / without[0] if stribeck else 0.0
+            at_limit = at_limit | (np.abs(tau) >= AT_LIMIT * limit)
+        counted.append(at_limit)
+    return np.asarray(np.concatenate(counted).mean(axis=0))
 
 
 def _doubts_by_symptoms(

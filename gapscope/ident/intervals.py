@@ -25,7 +25,7 @@ from gapscope.ident.estimators.linear import (
     weighted_factor,
     whitened,
 )
-from gapscope.ident.model.base_parameters import TINY, Factor
+from gapscope.ident.model.base_parameters import ROUNDING, TINY, Factor
 from gapscope.ident.samples import (
     STRIBECK_SPEEDS,
     Problem,
@@ -33,7 +33,7 @@ from gapscope.ident.samples import (
     check_rank,
     equal_parts,
 )
-from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.conditioning import BY_CHANCE, TORQUE_CUTOFF
 from gapscope.model.design import PRECISE, WAVES, drawn_waves
 from gapscope.model.effective_samples import (
     autocovariance,
@@ -128,34 +128,27 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
     parts = [problem.matrix, functions, left[:, :, None]]
     every = np.concatenate(parts, axis=2).transpose(1, 2, 0)
     sums = every @ every.transpose(0, 2, 1)
+    unknown = np.repeat([0.0, 1.0], [b, n * count])
     for _ in range(ROUNDS):
-        weighted = sums / noise2[:, None, None]
-        # what is shared by all joints eliminated from what each has of its own
-        shared = weighted[:, :b, :b].sum(axis=0)
-        cross = np.concatenate(list(weighted[:, b:-1, :b]))
-        pull = weighted[:, :b, -1].sum(axis=0)
-        # units differ by orders of magnitude: the inverse is of a unit diagonal
-        scale = 1 / np.sqrt(np.diag(shared).clip(TINY))
-        inverse = np.linalg.pinv(shared * np.outer(scale, scale), hermitian=True)
-        inverse = inverse * np.outer(scale, scale)
-        # functions of two joints depend on each other by the parameters they share
-        information = -cross @ inverse @ cross.T
-        right = weighted[:, b:-1, -1].ravel() - cross @ inverse @ pull
-        for j, own in enumerate(weighted[:, b:-1, b:-1]):
-            at = slice(j * count, (j + 1) * count)
-            information[at, at] += own
-        # in units of the amplitudes, so that one that vanishes leaves it regular
-        size = np.sqrt(variance.ravel())
-        inner = np.linalg.inv(np.eye(n * count) + information * np.outer(size, size))
-        value = size * (inner @ (size * right))
+        # parameters are shared by all joints, functions belong to one
+        gram, right = np.zeros((len(unknown), len(unknown))), np.zeros(len(unknown))
+        for j, own in enumerate(sums / noise2[:, None, None]):
+            at = np.r_[:b, b + j * count : b + (j + 1) * count]
+            gram[np.ix_(at, at)] += own[:-1, :-1]
+            right[at] += own[:-1, -1]
+        # in units of the columns, and of the amplitudes, so that one that vanishes leaves it regular
+        scale = 1 / np.sqrt(np.diag(gram)[:b].clip(TINY))
+        size = np.append(scale, np.sqrt(variance))
+        information = np.diag(unknown) + gram * np.outer(size, size)
+        inner = np.linalg.pinv(information, hermitian=True)
+        change, value = np.split(size * (inner @ (size * right)), [b])
         # what the functions take over the estimate gives back
-        change = inverse @ (pull - cross.T @ value)
         noise = left - problem.matrix @ change
         noise = noise - np.einsum("njk,jk->nj", functions, value.reshape(n, count))
         inflation = variance_inflation(noise, problem.group)
         noise2 = np.maximum((noise**2).mean(axis=0) * inflation, 1e-18 * scale2)
         # as many as data determine, of the functions that share an amplitude
-        determined = (1.0 - np.diag(inner)).reshape(n, count)
+        determined = (1.0 - np.diag(inner)[b:]).reshape(n, count)
         squares = np.add.reduceat(value.reshape(n, count) ** 2, starts, axis=1)
         gamma = np.add.reduceat(determined, starts, axis=1)
         before = variance
@@ -165,7 +158,7 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
         if (np.abs(variance - before) <= SETTLED * before).all():
             break
     # what the data say of one function they say of others too: those that replace each other do not add up
-    moment = np.outer(value, value) + inner * np.outer(size, size)
+    moment = np.outer(value, value) + (inner * np.outer(size, size))[b:, b:]
     return FormError(noise, moment)
 
 
@@ -294,14 +287,12 @@ class Uncertainty:
     Attributes:
         covariance: shape (b, b).
         freedom: degrees of freedom of its variances, about the number of independent blocks [1].
-        length: samples per block.
         by_blocks: the covariance if what the unknown form of the friction does is taken for noise, (b, b); ``None``
             if that is the covariance itself.
     """
 
     covariance: np.ndarray
     freedom: float
-    length: int
     by_blocks: np.ndarray | None = None
 
     @property
@@ -319,35 +310,18 @@ class Uncertainty:
 def block_length(scores: np.ndarray, group: np.ndarray) -> int:
     """Length of blocks [samples] for the variance of a mean: (3 G^2 / (2 g^2))^(1/3) N^(1/3), averaged over columns.
 
-    g = sum_k w_k R_k and G = sum_k w_k |k| R_k with autocovariances R_k and the flat-top window w_k, which is 1 up to
-    m, falls to 0 at 2 m, and m is the first lag beyond which the correlation stays within 2 sqrt(log10(N) / N) for
-    max(5, sqrt(log10 N)) lags. At least 1, and at most a fifth of the samples. Source: politis2004.
+    g = sum_k R_k and G = sum_k |k| R_k with autocovariances R_k. Of an autoregressive series of which f samples count
+    as one (``variance_inflation``) G / g is (f^2 - 1) / (2 f). At least 1, and at most a fifth of the samples.
+    Source: politis2004.
 
     Args:
         scores: series, shape (N, b).
         group: shape (N,).
     """
-    n = len(scores)
-    lags = min(n - 1, int(2 * np.sqrt(n)) + 50)
-    covariance = autocovariance(scores - scores.mean(axis=0), group, lags)
-    stay = max(5, int(np.sqrt(np.log10(n))))
-    lengths = []
-    # a parameter that no sample moves has no memory
-    for column in covariance[:, covariance[0] > 1e-12 * covariance[0].max() + TINY].T:
-        # m: the first lag after which the correlation is insignificant for several lags in a row
-        quiet = np.abs(column[1:] / column[0]) < 2 * np.sqrt(np.log10(n) / n)
-        runs = np.convolve(quiet, np.ones(stay), "valid") >= stay
-        m = int(np.argmax(runs)) + 1 if runs.any() else lags // 2
-        lag = np.arange(min(2 * m, lags) + 1)
-        flat_top = np.clip(2 * (1 - lag / (2 * m)), 0, 1)
-        weighted = flat_top * np.where(lag == 0, 1.0, 2.0) * column[lag]
-        density, slope = weighted.sum(), (lag * weighted).sum()
-        # a spectrum that dips at frequency 0 says nothing about memory
-        if density > 0.1 * column[0]:
-            lengths.append((1.5 * slope**2 / density**2 * n) ** (1 / 3))
-    if not lengths:
-        return 1
-    return int(np.clip(np.ceil(np.mean(lengths)), 1, max(1, n // 5)))
+    f = variance_inflation(scores - scores.mean(axis=0), group)
+    memory = (f**2 - 1) / (2 * f)
+    length = np.mean((3 / 2 * memory**2 * len(scores)) ** (1 / 3))
+    return int(np.clip(np.ceil(length), 1, max(1, len(scores) // 5)))
 
 
 def block_jackknife(
@@ -415,14 +389,14 @@ def jackknife(
         score = scale * scores[block].sum(axis=0)
         # the rest may not determine a direction: the shortest change then
         changes.append(scale * np.linalg.lstsq(others, score, rcond=1e-14)[0])
-    return _of_changes(np.array(changes), length)
+    return _of_changes(np.array(changes))
 
 
-def _of_changes(change: np.ndarray, length: int) -> Uncertainty:
+def _of_changes(change: np.ndarray) -> Uncertainty:
     """(B - 1) / B sum_k d_k d_k^T of the changes without each of B blocks, (B, b), of B - 1 degrees of freedom."""
     count = len(change)
     covariance = (count - 1) / count * change.T @ change
-    return Uncertainty(covariance, max(count - 1.0, 1.0), length)
+    return Uncertainty(covariance, max(count - 1.0, 1.0))
 
 
 def _blocks(group: np.ndarray, length: float) -> list[slice]:
@@ -459,7 +433,7 @@ def refit_jackknife(problem: Problem, estimator: Estimator) -> Uncertainty:
     spans = _blocks(problem.group, len(problem.group) / STRETCHES)
     found = np.array(list(_without_each(problem, spans, estimator)))
     change = found - found.mean(axis=0)
-    return _of_changes(change, len(problem.torque) // len(spans))
+    return _of_changes(change)
 
 
 # Repeated groups: identify each stretch alone; how much the results differ distinguishes noise from model error.
@@ -467,8 +441,6 @@ def refit_jackknife(problem: Problem, estimator: Estimator) -> Uncertainty:
 
 HELD_OUT = 4
 """Stretches of time, at least, that are compared, or predicted one at a time from the others."""
-REPEAT_DOUBT = 0.01
-"""Chance below which noise alone is not believed."""
 FACTOR = 2.0
 """And the factor by which variances have to differ, since the stated one is itself an estimate."""
 
@@ -545,7 +517,7 @@ def compare_groups(
         "they differ as much as the errors that they state; an error that all of them share, such as the form of "
         "the friction makes, does not show here",
     )
-    surprising = p_value <= REPEAT_DOUBT
+    surprising = p_value <= BY_CHANCE
     if surprising and ratio >= FACTOR:
         verdict = "model error that differs between groups"
         meaning = (
@@ -728,7 +700,7 @@ def _missed_by_parameters(
     for span, gram in zip(spans, grams, strict=True):
         values, vectors = np.linalg.eigh((total - gram) * np.outer(unit, unit))
         # a direction that the others do not determine at all is missed by any amount
-        spread = (weighted[span] * unit) @ (vectors / np.sqrt(values.clip(1e-14)))
+        spread = (weighted[span] * unit) @ (vectors / np.sqrt(values.clip(ROUNDING**2)))
         own = np.einsum("ijb,ijc->jbc", spread, spread, optimize=True)
         # the trace is the sum of l, the norm squared the sum of l^2
         sums += np.trace(own, axis1=1, axis2=2)

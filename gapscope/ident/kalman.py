@@ -17,6 +17,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
 from gapscope.ident.estimators.linear import (
+    MIN_NOISE,
     Estimate,
     finished,
     weighted_least_squares,
@@ -28,7 +29,7 @@ from gapscope.ident.intervals import (
     Whiteness,
     whiteness,
 )
-from gapscope.ident.model.base_parameters import TINY, WORTH, Factor
+from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH, Factor
 from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import MOVING, Problem, Samples, check_bare, equal_parts
 from gapscope.model.changes import Change
@@ -73,10 +74,6 @@ LEVELS = (0.0, 0.003, 0.01, 0.03, 0.1)
 """Process noise tried: share of its value by which a parameter wanders in one second [1/sqrt(s)]."""
 AHEAD = 1.0
 """Stretches are predicted from those that end this long before [s]: errors of the model last for less."""
-SETTLED = 1 / 3
-"""Share of the stretches after which predictions count in the choice of the process noise [1]."""
-MIN_NOISE = 1e-3
-"""Least noise over the RMS of a joint's torque [1]: beside none a vague first covariance loses its digits."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +162,7 @@ def follow(problem: Problem, openings: Openings = ()) -> Followed:
     # a record shorter than that is judged one stretch ahead
     lag = 1 + round(AHEAD / length)
     # at first the vague covariance decides, whatever the process noise
-    first = max(lag, int(SETTLED * len(rows)))
+    first = max(lag, len(rows) // 2)
     if first >= len(rows):
         lag, first = 1, min(1, len(rows) - 1)
     best = np.inf
@@ -262,12 +259,8 @@ LONGEST = 20.0
 """A recording is followed for at most this long [s]: a second takes about a second of computing."""
 UNSURE = 0.3
 """Standard deviation of friction before the first sample, over its identified value [1]."""
-MIN_SHARE = 0.02
-"""The same at least, as a share of the joint's RMS torque at its RMS speed, which counts as ``MOVING`` [1]."""
 WANDER = 0.1
 """How far friction wanders in one second, over that standard deviation [1/sqrt(s)]."""
-MIN_STEP = 1e-6
-"""Least noise of an encoder [rad]."""
 
 
 @dataclass(frozen=True)
@@ -334,7 +327,8 @@ def follow_states(
     tau = np.add.reduceat(np.asarray(recording.tau), rows) / counts[:, None]
     period = float(np.median(np.diff(t)))
     speed = rms(np.gradient(recording.q, recording.t, axis=0))
-    torque = MIN_SHARE * rms(np.asarray(recording.tau))
+    # a joint without friction may have some worth naming
+    torque = WORTH * rms(np.asarray(recording.tau))
     # b counts by its torque at the usual speed, c is a torque itself
     least = np.concatenate([torque / np.maximum(speed, MOVING), torque])
     spread = np.maximum(UNSURE * np.abs(prior[places]), least)
@@ -412,14 +406,10 @@ def _encoder_noise(recording: Recording, arm: NominalArm) -> float:
     second = np.diff(recording.q, 2, axis=0)
     seen = float(np.median(np.std(second, axis=0))) / np.sqrt(6)
     rounding = (arm.encoder_step or 0.0) / np.sqrt(12)
-    return max(seen, rounding, MIN_STEP)
+    return max(seen, rounding, ROUNDING)
 
 
 # The filter beside the batch: when it converged, where it departs, whether its innovations are white.
-
-
-DETERMINED = 1e-6
-"""Least singular value of the columns in which a change moves parameters, over the largest [1]. (numerics)"""
 
 
 class Departure(NamedTuple):
@@ -515,7 +505,7 @@ def review(
         departures.sort(key=lambda departure: -departure.size)
     else:
         # innovations count from where it should have settled
-        first = min(max(1, int(SETTLED * len(rows))), len(rows) - 1)
+        first = min(max(1, len(rows) // 2), len(rows) - 1)
     counted = slice(rows[first].start, None)
     ends = [own.stop - 1 for own in rows]
     innovation = followed.innovation[counted]
@@ -560,4 +550,4 @@ def _moved(
     W = problem.matrix.reshape(torque[..., 0].size, -1)
     scale = np.linalg.norm(W, axis=0)
     right = torque.reshape(len(W), -1)
-    return np.linalg.lstsq(W / scale, right, rcond=DETERMINED)[0] / scale[:, None]
+    return np.linalg.lstsq(W / scale, right, rcond=ROUNDING)[0] / scale[:, None]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 from scipy.signal import periodogram
 
 from gapscope.arm.case import Case
@@ -281,8 +280,6 @@ def _along(series: np.ndarray, directions: np.ndarray) -> np.ndarray:
 # Whether samples can determine parameters, and if not, why: causes before a solver meets them.
 
 
-DEPENDENT = 1e-10
-"""Pivots of R below this, relative, with columns of unit norm, mark columns that depend on those before them."""
 UNIT_FACTOR = 5.0
 """Torque larger or smaller than the nominal arm's by more than this is suspected of another unit."""
 
@@ -371,9 +368,9 @@ def check_rank(matrix: np.ndarray, names: Sequence[str]) -> None:
     unit = matrix / np.where(norms > 0, norms, 1.0)
     # the pivot of a column is what those before it do not explain
     pivots = np.abs(np.diag(np.linalg.qr(unit, mode="r")))
-    if (pivots > DEPENDENT).all():
+    if (pivots > ROUNDING).all():
         return
-    open_names = ", ".join(np.asarray(names)[pivots <= DEPENDENT])
+    open_names = ", ".join(np.asarray(names)[pivots <= ROUNDING])
     raise InputError(
         f"the samples do not determine {open_names}. Either (a) the trajectory does not excite them, (b) the columns "
         "are not base parameters, so that some depend on others, or (c) a joint that they need did not move",
@@ -582,19 +579,20 @@ def count_samples(samples: Samples, parameters: int) -> SampleCount:
 
 def _bandwidth(samples: Samples) -> np.ndarray:
     """Frequency below which ``POWER`` of the power of each joint's torque lies [Hz], shape (n,)."""
-    rates = 1.0 / samples.interval
-    grid = np.linspace(0.0, min(samples.band.cutoff, rates.max() / 2), 512)
-    power = np.zeros((len(grid), samples.torque.shape[1]))
+    frequencies, energies = [], []
     for rows in group_slices(samples.group):
-        rate, torque = rates[rows.start], samples.torque[rows]
-        frequency, density = periodogram(torque, rate, "hann", axis=0)
-        # groups differ in length: their energies are added on a common grid
-        energy = density * (len(torque) / rate)
-        # up to half its rate: a slower group says nothing beyond
-        known = grid[grid <= rate / 2]
-        power[: len(known)] += make_interp_spline(frequency, energy, k=1)(known)
-    share_below = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), TINY)
-    return np.asarray(grid[np.argmax(share_below >= POWER, axis=0)])
+        interval, torque = samples.interval[rows.start], samples.torque[rows]
+        frequency, power = periodogram(
+            torque, 1 / interval, "hann", scaling="spectrum", axis=0
+        )
+        frequencies.append(frequency)
+        # groups differ in length: of longer ones the same power is more energy
+        energies.append(power * len(torque) * interval)
+    frequency = np.concatenate(frequencies)
+    order = np.argsort(frequency, kind="stable")
+    below = np.cumsum(np.concatenate(energies)[order], axis=0)
+    share_below = below / np.maximum(below[-1], TINY)
+    return np.asarray(frequency[order][np.argmax(share_below >= POWER, axis=0)])
 
 
 # Which recordings are fitted, and which are held out.
@@ -831,8 +829,7 @@ def stretches(group: np.ndarray) -> list[slice]:
     for segment in segments:
         count = max(1, round((segment.stop - segment.start) / length))
         parts = equal_parts(segment, count)
-        # of a part of four samples two would be left
-        out += [slice(p.start + 1, p.stop - 1) for p in parts if p.stop - p.start > 4]
+        out += [slice(p.start + 1, p.stop - 1) for p in parts if p.stop - p.start > 2]
     return out
 
 
@@ -853,6 +850,7 @@ class Choice:
         law: form of the dry friction.
         pull: weight of ((x - x0) / scale)^2 beside the mean square of the weighted residual [1].
         noise: RMS residual per joint [N m], shape (n,), the weights' inverse.
+        stribeck_gain: share by which a Stribeck term lowers the error on held-out stretches [1]; 0 if none was tried.
         tried: law and pull in words, with the error on held-out stretches [1]: RMS of residual over the noise, of
             laws over what the plain one leaves, and then of each of ``PULLS`` over ``noise``.
     """
@@ -860,6 +858,7 @@ class Choice:
     law: FrictionLaw
     pull: float
     noise: np.ndarray
+    stribeck_gain: float
     tried: tuple[tuple[str, float], ...]
 
 
@@ -880,14 +879,14 @@ def choose(
     best = _error(trials, law, pull)
     tried = [(f"{law}; pull {pull:g}", best)]
     # the simpler law stays unless the richer one is worth its parameters
-    richer = _nonlinear_laws(trials, pull) if nonlinear else []
-    for candidate in richer:
+    plain, gains = best, []
+    for candidate in _nonlinear_laws(trials, pull) if nonlinear else []:
         error = _error(trials, candidate, pull)
         tried.append((f"{candidate}; pull {pull:g}", error))
-    if richer:
-        least = int(np.argmin([error for _, error in tried[1:]]))
-        if tried[1 + least][1] < (1 - WORTH) * best:
-            law, best = richer[least], tried[1 + least][1]
+        if candidate.stribeck_speed is not None:
+            gains.append(1 - error / plain)
+        if error < min(best, (1 - WORTH) * plain):
+            law, best = candidate, error
     distances = _presliding_distances(trials, law, pull) if presliding else ()
     if any(distances):
         candidate = replace(law, presliding=distances)
@@ -903,7 +902,7 @@ def choose(
     tried += [(f"{law}; pull {value:g}", error) for value, error in pairs]
     pull = float(PULLS[np.argmin(errors)])
     noise = joint_noise(samples, law, pull)
-    return Choice(law=law, pull=pull, noise=noise, tried=tuple(tried))
+    return Choice(law, pull, noise, max(gains, default=0.0), tuple(tried))
 
 
 def _error(trials: FrictionTrials, law: FrictionLaw, pull: float) -> float:

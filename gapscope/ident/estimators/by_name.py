@@ -128,7 +128,7 @@ def _stated(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncer
     freedom = estimate.freedom
     if freedom is None:
         freedom = float(max(problem.torque.size - len(estimate.value), 1))
-    return Uncertainty(estimate.covariance, freedom, 1)
+    return Uncertainty(estimate.covariance, freedom)
 
 
 _BLOCKS = f"block jackknife, the estimate without each of up to {MAX_BLOCKS} stretches of time"

@@ -58,6 +58,8 @@ Estimator = Callable[[Problem], Estimate]
 # What the linear estimators share: noise, scales, and the estimate that follows.
 
 
+MIN_NOISE = 1e-3
+"""Least noise over the RMS of the torque where equations have to stay well scaled beside a prior [1]."""
 ROUNDS = 100
 """Most rounds of estimating noise, or weights, and parameters in turn."""
 SETTLED = 1e-6
@@ -257,10 +259,6 @@ def huber(problem: Problem, start: np.ndarray | None = None) -> Estimate:
 
 STRENGTHS = np.logspace(-12, 1, 131)
 """Strengths that are tried."""
-PULLED = 0.9
-"""Share of the directions that the data have to decide; of fewer a warning is given [1]."""
-FLAT = 1e-12
-"""Speed along the L-curve, to the third power, below which a curvature is rounding [1]."""
 
 
 class _Directions:
@@ -319,7 +317,7 @@ class _Directions:
         """
         group = self._problem.group
         parts = group_slices(group)
-        if len(parts) < 3:
+        if len(parts) <= 2:
             parts = stretches(group)
         every = self._rows.reshape(len(group), -1, self._rows.shape[1])
         flat = [every[rows].reshape(-1, every.shape[2]) for rows in parts]
@@ -372,7 +370,8 @@ def ridge(
         strength = float(choice)
     gain = found.values / np.maximum(found.values**2 + strength, TINY)
     b, effective = len(gain), float((found.values * gain).sum())
-    if effective > PULLED * b:
+    # what holds less than one direction is no pull to speak of
+    if b - effective < 1:
         return found.estimate(gain)
     return found.estimate(
         gain,
@@ -391,7 +390,8 @@ def _at_corner(found: _Directions) -> float:
     x, y = (0.5 * np.log(z + TINY) for z in (residual, (solution**2).sum(axis=1)))
     dx, dy = np.gradient(x), np.gradient(y)
     cross = dx * np.gradient(dy) - dy * np.gradient(dx)
-    curvature = cross / np.maximum((dx**2 + dy**2) ** 1.5, FLAT)
+    # along a curve that stands still a curvature is rounding
+    curvature = cross / np.maximum(dx**2 + dy**2, ROUNDING) ** 1.5
     # the differences at the ends are one-sided
     corner = int(np.argmax(curvature[2:-2]) + 2)
     # a corner at which the fit is much worse is none
@@ -536,8 +536,6 @@ FRICTION_RELATIVE = 1.0
 """The same of friction, which differs from arm to arm [1]."""
 SLIGHT = 0.05
 """And a parameter near 0 by what gives this share of the torque's RMS [1]."""
-START_NOISE = 0.01
-"""Noise taken at first beside what a free fit leaves, over the torque's RMS: few samples leave a free fit nothing."""
 INFLUENCE = 2.0
 """Least ratio of variances of a parameter that moves [1]."""
 
@@ -566,7 +564,8 @@ def partial_update(problem: Problem, prior: np.ndarray) -> Estimate:
     check_samples(problem, full_rank=False)
     spread = prior_spread(problem, prior)
     free = joint_noise(problem, free_fit(problem, prior, spread))
-    noise = np.hypot(free, START_NOISE * rms(problem.torque).max())
+    # few samples leave a free fit nothing: at first something slight counts as noise
+    noise = np.hypot(free, SLIGHT * rms(problem.torque).max())
     beta = np.full(len(prior), np.inf)
     for _ in range(ROUNDS):
         before = beta

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 from gapscope.arm.errors import InputError
 from gapscope.arm.root_mean_square import rms
 from gapscope.ident.estimators.linear import (
+    MIN_NOISE,
     Estimate,
     finished,
     free_fit,
@@ -31,9 +32,6 @@ from gapscope.ident.model.physical_parameters import (
     to_log_cholesky,
 )
 from gapscope.ident.samples import Problem, check_samples, unit_warnings
-
-MIN_NOISE = 1e-4
-"""Noise is taken to be at least this share of the torque's RMS, which keeps the equations well scaled [1]."""
 
 
 class Bodies(Protocol):

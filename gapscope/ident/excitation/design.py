@@ -33,6 +33,7 @@ from gapscope.ident.excitation.trajectory_search import (
     RAMP,
     REMEDIES,
     SAMPLES,
+    SPARE,
     SURFACE,
     TIGHTER,
     Allowed,
@@ -56,10 +57,12 @@ from gapscope.ident.excitation.trajectory_search import (
 )
 from gapscope.ident.model.base_parameters import (
     CONDITION_LIMIT,
+    ROUNDING,
     STATES,
     condition_number,
 )
 from gapscope.ident.model.regressor import JOINT_COLUMNS
+from gapscope.ident.samples import MOST
 from gapscope.model.conditioning import TORQUE_CUTOFF
 from gapscope.model.rows import PER_CUTOFF
 
@@ -139,8 +142,6 @@ def read_joint_trajectory(path: Path) -> Sampled:
 
 CHECKED_RATE = 1000.0
 """Samples per second at which a file is checked, at full speed [Hz]; as many along the path of a slow one."""
-REST = 1e-6
-"""Share of the limits of velocity and acceleration that counts as rest [1]."""
 
 
 def check_written(
@@ -171,7 +172,7 @@ def check_written(
         ("acceleration", motion.ddq, limits.acceleration),
     ):
         share = np.abs(values[ends]) / limit
-        if (share > REST).any():
+        if (share > SPARE).any():
             end, j = np.unravel_index(int(share.argmax()), share.shape)
             raise GapscopeError(
                 f"{path}: not written: joint {j + 1} does not rest at {motion.t[ends[end]]:.3f} s, its {name} is "
@@ -376,8 +377,8 @@ class LimitPlan:
 # Which limit keeps a motion too small to determine an arm's parameters.
 
 
-USELESS = 1e8
-"""Condition number above which a trajectory is refused: noise of 1e-8 of the torque would drown a parameter [1]."""
+USELESS = 1 / ROUNDING
+"""Condition number above which a trajectory is refused: rounding would drown a parameter [1]."""
 WIDER = 10.0
 """Factor by which a limit is widened to see what it costs [1]."""
 WORTH = 2.0
@@ -455,8 +456,6 @@ SLOW = 0.2
 """Speed of the version of a trajectory that is run first, as a share of its own [1]."""
 TRIES = 20
 """Candidates that are checked at every sample, the best first, before giving up."""
-JUDGED = 2000
-"""Most samples on which condition number and separation are stated."""
 SEPARATING_RATE = 2 * PER_CUTOFF * TORQUE_CUTOFF
 """Samples per second of a candidate that is scored by predictions over time [Hz]: every other one is a row."""
 
@@ -516,7 +515,7 @@ def design(prepared: Prepared, rng: np.random.Generator) -> Excitation:
     x, reference, margins = accept(search, final, plan)
     motion = sampled(reference, plan.length, plan.rate)
     # criteria of long motions are computed from fewer samples
-    step = -(-len(motion.t) // JUDGED)
+    step = -(-len(motion.t) // MOST)
     few = Motion(
         *(series[::step] for series in (motion.t, motion.q, motion.dq, motion.ddq))
     )

@@ -39,6 +39,7 @@ from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.severity import draw
 from gapscope.ident.model.base_parameters import (
+    FLOOR,
     ROUNDING,
     STATES,
     TINY,
@@ -576,10 +577,6 @@ class Parametrisation:
 # How well a trajectory excites: functions of the eigenvalues of the information matrix W^T W.
 
 
-FLOOR = 1e-13
-"""Eigenvalues below this share of the largest count as this [1]."""
-
-
 @dataclass(frozen=True)
 class Criterion:
     """A sum w . log s over the singular values s of W S, ascending, to be made small.
@@ -619,7 +616,9 @@ class Criterion:
         scale = np.where(scale > 0, scale, 1.0)
         scaled = flat / scale
         values, vectors = np.linalg.eigh(scaled.T @ scaled)
-        return np.maximum(values, FLOOR * values[-1] + TINY), vectors, scaled, scale
+        # below rounding of so many products no eigenvalue is known
+        least = len(values) * FLOOR * values[-1] + TINY
+        return np.maximum(values, least), vectors, scaled, scale
 
 
 def _ends(least: float, largest: float) -> Callable[[int], np.ndarray]:
@@ -720,9 +719,9 @@ def separator_of(
 
 DEGREE = 2
 """Degree of the columns as trigonometric polynomials of a position."""
-SHIFTS = np.pi * (np.arange(2 * DEGREE) + 0.5) / DEGREE
+SHIFTS = np.pi * (2 * np.arange(2 * DEGREE) + 1) / (2 * DEGREE)
 """Shifts from which the derivative of such a polynomial is exact [rad]."""
-WEIGHTS = (-1.0) ** np.arange(2 * DEGREE) / (4 * DEGREE * np.sin(SHIFTS / 2) ** 2)
+WEIGHTS = (-1.0) ** np.arange(2 * DEGREE) / (2 * DEGREE * (1 - np.cos(SHIFTS)))
 """Their weights."""
 
 
@@ -815,7 +814,7 @@ DISTANCE_SCALE = 0.1
 TOLERATED = np.array(list(TIGHTER.values())) / [2, 2, 2 * DISTANCE_SCALE]
 """Breaches that still count as kept: half of what the limits are tightened by [1]. Up to there the penalty grows with
 the square, so that a descent does not stall on the edge of what is allowed."""
-SLOPE_STEP = 1e-4
+SLOPE_STEP = np.sqrt(ROUNDING)
 """Step of the differences of singular value and distance [rad]."""
 
 
@@ -1124,20 +1123,17 @@ def swarm(search: TrajectorySearch, rng: np.random.Generator) -> None:
     v <- w v + c r1 (own best - x) + c r2 (best of all - x), x <- x + v, with r1, r2 uniform per coordinate.
     """
     x = random_starts(search, rng, PARTICLES)
-    best = x.copy()
-    scores = np.array([search.score(particle) for particle in x])
+    best, scores = x.copy(), np.full(PARTICLES, np.inf)
     v = 0.1 * rng.standard_normal(x.shape)
-    while not search.spent:
-        for i in range(PARTICLES):
-            leader = best[int(scores.argmin())]
-            own, common = rng.uniform(0.0, PULL, (2, x.shape[1]))
-            to_own, to_leader = best[i] - x[i], leader - x[i]
-            v[i] = INERTIA * v[i] + own * to_own + common * to_leader
-            # far out all candidates map to the edge of the limits
-            x[i] = np.clip(x[i] + v[i], -REACH, REACH)
-            score = search.score(x[i])
+    while True:
+        for i, particle in enumerate(x):
+            score = search.score(particle)
             if score < scores[i]:
-                best[i] = x[i]
-                scores[i] = score
+                best[i], scores[i] = particle, score
             if search.spent:
-                break
+                return
+        own, common = rng.uniform(0.0, PULL, (2, *x.shape))
+        leader = best[scores.argmin()]
+        v = INERTIA * v + own * (best - x) + common * (leader - x)
+        # far out all candidates map to the edge of the limits
+        x = np.clip(x + v, -REACH, REACH)

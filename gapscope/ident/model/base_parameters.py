@@ -30,8 +30,6 @@ CONDITION_LIMIT = 1000.0
 # Numerical rank of a regressor: unit columns, and the gap in a spectrum.
 
 
-EMPTY = 1e-12
-"""A column whose norm is below this part of the largest has no content."""
 DEPENDENT = 2e-5
 """Largest value of a spectrum, relative to a unit column, that can count as nil. Angles of a URDF rounded to four
 decimals make directions of up to 5e-6, which no recording resolves."""
@@ -70,7 +68,7 @@ def unit_triangle(Y: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.n
     if len(rows) > len(names):
         rows = qr(rows, mode="r", check_finite=False)[0][: len(names)]
     norms = np.linalg.norm(rows, axis=0)
-    full = norms > EMPTY * norms.max()
+    full = norms > ROUNDING * norms.max()
     if not full.any():
         raise InputError(
             "the regressor is zero: nothing moves and nothing weighs", "record a motion"
@@ -185,7 +183,6 @@ STATES = 300
 """Random states from which what an arm shows is found, whatever its recordings excite."""
 NEGLIGIBLE = 1e-4
 """Factors smaller than this, or as near to 1, are not written."""
-_SPAN = 1e-4
 
 
 @dataclass(frozen=True)
@@ -289,7 +286,8 @@ def base_parameters(Y: np.ndarray, names: Sequence[str]) -> BaseParameters:
     pivots = np.abs(np.diag(pivoted))
     count = rank_by_gap(pivots)
     # which: in the order of preference, unless that finds another number
-    border = _SPAN * pivots[count - 1]
+    # in the middle of the gap
+    border = np.sqrt(pivots[count - 1] * max(np.append(pivots, 0.0)[count], FLOOR))
     kept = _independent(scaled, _order(names), border)
     if len(kept) != count:
         kept = places[:count]
@@ -451,8 +449,6 @@ def essential_parameters(
 
 
 RECOVERED, COMBINED, HIDDEN = "recovered", "only in combination", "not identifiable"
-SHARE = 1e-5
-"""Part of a parameter's direction outside what the torque depends on, beyond which it is not recovered alone [1]."""
 
 
 @dataclass(frozen=True)
@@ -506,7 +502,8 @@ def recoveries(
     for j, name in enumerate(base.names):
         deviation: float | None = None
         status, reason = HIDDEN, "no torque in these recordings depends on it"
-        if inside[j] >= 1 - SHARE:
+        # beyond rounding of a URDF, part of it lies outside what the torque depends on
+        if inside[j] >= 1 - DEPENDENT:
             status, deviation = RECOVERED, float(deviations[j])
             reason = "the torque determines it alone"
             if deviation > abs(value[j]):

@@ -23,7 +23,7 @@ from gapscope.ident.model.base_parameters import BaseParameters
 # ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
 
 
-_ROW, _COLUMN = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]).T
+_ROW, _COLUMN = np.triu_indices(4, 1)
 """Entries of U of the last six log-Cholesky coordinates."""
 _AXIS = np.arange(_COLUMN.max())
 """Entries of U on its diagonal, of d1, d2 and d3."""
@@ -68,7 +68,7 @@ def principal_moments(parameters: np.ndarray) -> np.ndarray:
     """Moments about the centre of mass [kg m^2], ascending, shape (..., 10) to (..., 3); NaN for a mass of 0."""
     matrix = pseudo_inertia(parameters)
     moment, mass = matrix[..., :3, 3], matrix[..., 3, 3]
-    mass = np.where(np.abs(mass) > NO_MASS, mass, np.nan)[..., None]
+    mass = np.where(mass != 0, mass, np.nan)[..., None]
     outer = moment[..., :, None] * (moment / mass)[..., None, :]
     # principal second moments descend as moments of inertia tr(Sigma) - Sigma ascend
     second = np.full(moment.shape, np.nan)
@@ -81,7 +81,7 @@ def from_log_cholesky(theta: np.ndarray) -> np.ndarray:
     """Inertial parameters of log-Cholesky coordinates, shape (..., 10) to (..., 10); always consistent.
 
     J = U U^T, U = e^a [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]] with theta = (a, d1,
-    d2, d3, s12, s23, s13, t1, t2, t3). Source: rucker2022.
+    d2, d3, s12, s13, t1, s23, t2, t3). Source: rucker2022.
     """
     upper = _upper(np.asarray(theta, dtype=float))
     return inertial_parameters(upper @ np.swapaxes(upper, -1, -2))
@@ -133,16 +133,14 @@ def _upper(theta: np.ndarray) -> np.ndarray:
 # Physical parameters from base parameters: consistent bodies near the nominal arm that give the estimated torque.
 
 
-NO_MASS = 1e-12
-"""A mass below this has no centre [kg]."""
 LENGTH = 0.1
 """Length by which pseudo-inertias are made comparable with masses [m]."""
 LEAST_MASS = 1e-2
 """Links of almost no mass may still gain some [kg]."""
 FLOOR = 1e-4
 """Least eigenvalue of the scaled pseudo-inertia over the link's nominal mass [1]: a radius of gyration of 1 mm."""
-TOLERANCES = (1e-11, 1e-8)
-"""Of the solver: the second, its own, where the first is beyond double precision [1]."""
+TOLERANCE = 1e-11
+"""Of the solver; its own where this is beyond double precision [1]."""
 _NOT_NEGATIVE = re.compile(r"[Ibcds]\d+m?")
 """Names of rotor inertia and of viscous, Coulomb, Stribeck and saturating friction: none can be negative."""
 
@@ -340,9 +338,8 @@ def possible_least_squares(
     failure: object = None
     with warnings.catch_warnings():  # an inaccurate solution is checked afterwards
         warnings.simplefilter("ignore", UserWarning)
-        for tolerance in TOLERANCES:
-            settings = {"tol_gap_abs": tolerance, "tol_gap_rel": tolerance}
-            settings["tol_feas"] = 10 * tolerance
+        tight = {"tol_gap_abs": TOLERANCE, "tol_gap_rel": TOLERANCE}
+        for settings in ({**tight, "tol_feas": 10 * TOLERANCE}, {}):
             try:
                 problem.solve(solver=cp.CLARABEL, **settings)
                 break

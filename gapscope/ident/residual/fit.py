@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.lib.mixins import NDArrayOperatorsMixin
 from scipy.linalg import cho_solve, lapack, solve_triangular
 from scipy.optimize import minimize
 
@@ -36,9 +37,9 @@ from gapscope.effects.residual import (
     nearest,
     part_of_each,
 )
-from gapscope.ident.model.base_parameters import TINY, WORTH
+from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
-from gapscope.ident.samples import PER_CUTOFF, split
+from gapscope.ident.samples import MOVING, PER_CUTOFF, split
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -120,10 +121,6 @@ class ResidualSettings:
 # Keeping a network and the physics apart: projections on the columns of the physics, in weighted torque.
 
 
-DEPENDENT = 1e-7
-"""Singular value of unit columns, over the largest, below which a direction counts as none."""
-
-
 def basis(columns: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Orthonormal basis Q of the columns, (M, n, p), each joint's rows divided by its scale [N m]; (M, n, r)."""
     if not columns.any():
@@ -133,7 +130,7 @@ def basis(columns: np.ndarray, scale: np.ndarray) -> np.ndarray:
     unit = stacked[:, norms > 0] / norms[norms > 0]
     u, size, _ = np.linalg.svd(unit, full_matrices=False)
     if size.size:
-        u = u[:, size > DEPENDENT * size[0]]
+        u = u[:, size > ROUNDING * size[0]]
     return u.reshape(*columns.shape[:2], -1)
 
 
@@ -373,7 +370,7 @@ def groups(trajectories: Sequence[Trajectory], members: int) -> np.ndarray:
     if not trajectories:
         raise InputError("no trajectory to train on", "give recordings with a torque")
     # held out by trajectory, which is stricter than by time
-    if len(trajectories) >= 3:
+    if len(trajectories) > 2:
         lengths = [len(x.rows) for x in trajectories]
         return np.repeat(np.arange(len(trajectories)), lengths)
     blocks = -(-members // len(trajectories))  # rounded up
@@ -540,10 +537,8 @@ def _reach(now: np.ndarray, group: np.ndarray) -> np.ndarray:
 # Weights of a sum of functions whose sizes, part by part, are chosen by the evidence of the data.
 
 
-PRIOR_RANGE = (-12.0, 4.0)
-"""Range of the logarithm of a part's prior variance, over that of the target."""
-NOISE_RANGE = (-9.0, 1.0)
-"""Range of the logarithm of the noise variance, likewise."""
+LOG_RANGE = (-12.0, 4.0)
+"""Range of the logarithms of a part's prior variance and of the noise's, over that of the target."""
 ITERATIONS = 25
 """Iterations of the search."""
 
@@ -656,8 +651,6 @@ def usefulness(
 
 SHARES = (1.0, 0.2, 0.03)
 """Shares of the rows tried as independent; the one that predicts held-out rows best is kept."""
-FIRST_SIZE, FIRST_NOISE = -3.0, -0.5
-"""Logarithms of the first variances of a part and of the noise, over that of the target."""
 
 
 def fit_additive(rows: ResidualRows, seed: int, progress: Progress = silent) -> Network:
@@ -707,8 +700,8 @@ def _fit_joint(
 
     whole = equations(target, rows.group >= 0)
     each = list(map(equations, rows.targets[..., joint], rows.fitted))
-    logs = np.append(np.full(int(part.max()) + 1, FIRST_SIZE), FIRST_NOISE)
-    ranges = [PRIOR_RANGE] * (len(logs) - 1) + [NOISE_RANGE]
+    # at first each part, and the noise, may be all of the target
+    logs = np.zeros(int(part.max()) + 2)
     least, kept = np.inf, np.zeros((len(each), x.shape[1]))
     for share in SHARES:
         # sizes under which the data are most probable, from those of the share before
@@ -718,7 +711,7 @@ def _fit_joint(
             args=(whole, part, share),
             jac=True,
             method="L-BFGS-B",
-            bounds=ranges,
+            bounds=[LOG_RANGE] * len(logs),
             options={"maxiter": ITERATIONS},
         ).x
         means = []
@@ -735,8 +728,6 @@ def _fit_joint(
 # Training of a residual network by torch: a heteroscedastic ensemble, bitwise repeatable.
 
 
-BETA = 0.5
-"""Weight of the likelihood's gradient by variance^beta: rows of large variance are not given up early."""
 EVERY = 250
 """Steps between two reports of progress."""
 
@@ -757,59 +748,107 @@ def repeatable(seed: int) -> Iterator[torch.Generator]:
         torch.use_deterministic_algorithms(strict)
 
 
-class Ensemble(torch.nn.Module):
-    """The networks of all members and joints, trained side by side; the same formulas as ``Network``.
+class Tensor(NDArrayOperatorsMixin):
+    """A tensor on which numpy's functions work: what they compute torch computes, and can differentiate and export."""
+
+    def __init__(self, tensor: torch.Tensor) -> None:
+        self.tensor = tensor
+
+    @property
+    def shape(self) -> torch.Size:
+        """Its shape."""
+        return self.tensor.shape
+
+    def _plain(self, x: Any) -> Any:
+        """A tensor out of numbers or a ``Tensor``; what is no number as it is."""
+        if isinstance(x, Tensor):
+            return x.tensor
+        if isinstance(x, (list, tuple)):
+            return [self._plain(part) for part in x]
+        own = self.tensor
+        return (
+            x if x is None else torch.as_tensor(x, dtype=own.dtype, device=own.device)
+        )
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any) -> Tensor:
+        """Arithmetic and elementary functions: torch calls them as numpy does."""
+        function = torch.pow if ufunc is np.power else getattr(torch, ufunc.__name__)
+        return Tensor(function(*map(self._plain, inputs)))
+
+    def __array_function__(
+        self, function: Any, types: Any, args: Any, kwargs: Any
+    ) -> Any:
+        """``clip``, ``concatenate``; ``split`` into a number of parts."""
+        if function is np.split:
+            parts = torch.tensor_split(self.tensor, args[1], kwargs["axis"])
+            return [Tensor(part) for part in parts]
+        called = getattr(torch, function.__name__)
+        return Tensor(called(*map(self._plain, args), **kwargs))
+
+    def __getitem__(self, key: Any) -> Tensor:
+        """Slices, places and new axes."""
+        return Tensor(self.tensor[key])
+
+    def reshape(self, *shape: int) -> Tensor:
+        """In another shape."""
+        return Tensor(self.tensor.reshape(*shape))
+
+    def transpose(self, *axes: int) -> Tensor:
+        """With its axes in another order."""
+        return Tensor(self.tensor.permute(*axes))
+
+    def sum(self, axis: int) -> Tensor:
+        """Sum over an axis."""
+        return Tensor(self.tensor.sum(dim=axis))
+
+    def min(self, axis: int) -> Tensor:
+        """Least value along an axis."""
+        return Tensor(self.tensor.amin(dim=axis))
+
+
+def begun(
+    settings: ResidualSettings,
+    inputs: Inputs,
+    generator: torch.Generator,
+    where: torch.device | str = "cpu",
+) -> Network:
+    """A network whose weights are tensors to be trained, of all members and joints.
 
     Args:
         settings: of the training.
         inputs: what the networks see.
         generator: of the first weights.
+        where: the device.
     """
+    width, n = settings.hidden, inputs.n
+    if settings.form == "mlp":
+        seen = inputs.seen_by_mlp
+        sizes = [(len(seen), width), (width, width), (width, 2)]
+    else:
+        # each layer joins two neighbours of the layer before
+        seen = np.arange(inputs.taps * inputs.channels)
+        first, last = (2 * inputs.channels, width), (width, 2)
+        sizes = [first, *[(2 * width, width)] * (TCN_LAYERS - 1), last]
+    weights: list[Any] = []
+    biases: list[Any] = []
+    for k, (fan_in, fan_out) in enumerate(sizes):
+        # the head begins near zero: no torque before there is a reason
+        gain = (1.0 if k + 1 < len(sizes) else 0.1) / fan_in**0.5
+        shape = (settings.members, n, fan_in, fan_out)
+        weight = gain * torch.randn(shape, generator=generator)
+        bias = torch.zeros(settings.members, n, fan_out)
+        for parts, part in ((weights, weight), (biases, bias)):
+            parts.append(Tensor(part.to(where).requires_grad_()))
+    return Network(settings.form, seen, tuple(weights), tuple(biases))
 
-    seen: torch.Tensor
 
-    def __init__(
-        self, settings: ResidualSettings, inputs: Inputs, generator: torch.Generator
-    ) -> None:
-        super().__init__()
-        self.form, n = settings.form, inputs.n
-        width = settings.hidden
-        if self.form == "mlp":
-            seen = inputs.seen_by_mlp
-            sizes = [(len(seen), width), (width, width), (width, 2)]
-        else:
-            # each layer joins two neighbours of the layer before
-            seen = np.arange(inputs.taps * inputs.channels)
-            first, last = (2 * inputs.channels, width), (width, 2)
-            sizes = [first, *[(2 * width, width)] * (TCN_LAYERS - 1), last]
-        self.register_buffer("seen", torch.as_tensor(seen))
-        self.weights, self.biases = torch.nn.ParameterList(), torch.nn.ParameterList()
-        for k, (fan_in, fan_out) in enumerate(sizes):
-            # the head begins near zero: no torque before there is a reason
-            gain = (1.0 if k + 1 < len(sizes) else 0.1) / fan_in**0.5
-            shape = (settings.members, n, fan_in, fan_out)
-            self.weights.append(gain * torch.randn(shape, generator=generator))
-            self.biases.append(torch.zeros(settings.members, n, fan_out))
-
-    def forward(self, windows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean and log variance, each (M, n, N), of windows (n, N, taps, C)."""
-        n, count = windows.shape[:2]
-        flat = windows.reshape(n, count, -1)
-        h = (flat[:, :, self.seen] if self.form == "mlp" else flat)[None]
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            h = h.reshape(h.shape[0], n, -1, weight.shape[2])
-            h = torch.tanh(h @ weight + bias[:, :, None])
-        h = h.reshape(h.shape[0], n, count, -1)
-        outputs = h @ self.weights[-1] + self.biases[-1][:, :, None]
-        return outputs[..., 0], outputs[..., 1].clamp(*LOG_VARIANCE)
-
-    def arrays(self) -> Network:
-        """The same networks as arrays."""
-        weights, biases = (
-            tuple(x.detach().cpu().double().numpy() for x in parameters)
-            for parameters in (self.weights, self.biases)
-        )
-        return Network(self.form, self.seen.cpu().numpy(), weights, biases)
+def as_arrays(network: Network) -> Network:
+    """A network of tensors as one of arrays."""
+    weights, biases = (
+        tuple(x.tensor.detach().cpu().double().numpy() for x in parts)  # type: ignore[attr-defined]
+        for parts in (network.weights, network.biases)
+    )
+    return replace(network, weights=weights, biases=biases)
 
 
 def train(
@@ -825,9 +864,8 @@ def train(
         progress: called with a few words at times.
     """
     with repeatable(settings.seed) as generator:
-        ensemble = Ensemble(settings, rows.inputs, generator)
         where = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        ensemble.to(where)
+        network = begun(settings, rows.inputs, generator, where)
 
         def tensor(array: np.ndarray) -> torch.Tensor:
             return torch.as_tensor(array, dtype=torch.float32, device=where)
@@ -836,14 +874,16 @@ def train(
         y = tensor(rows.targets.transpose(0, 2, 1))
         square = tensor(rows.weight.T**2)
         fitted = tensor(rows.fitted)[:, None] * square
-        optimiser = torch.optim.AdamW(ensemble.parameters(), lr=RATE, weight_decay=1.0)
+        trained = [x.tensor for x in (*network.weights, *network.biases)]  # type: ignore[attr-defined]
+        optimiser = torch.optim.AdamW(trained, lr=RATE, weight_decay=1.0)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.steps)
         for step in range(1, settings.steps + 1):
             chosen = torch.randint(x.shape[1], (BATCH,), generator=generator)
             chosen = chosen.to(where)
             optimiser.zero_grad(set_to_none=True)
             mask = fitted[:, :, chosen]
-            mean, log_variance = ensemble(x[:, chosen])
+            said: Any = network.outputs(Tensor(x[:, chosen]))  # type: ignore[arg-type]
+            mean, log_variance = (own.tensor for own in said)
             loss = _likelihood(mean, log_variance, y[:, :, chosen]) * mask
             # mean over the rows that a member is fitted to, sum over members and joints
             mean_loss = loss.sum(dim=2) / mask.sum(dim=2).clamp(min=1e-9)
@@ -854,15 +894,18 @@ def train(
                 progress(
                     f"trains the {settings.form.upper()}: step {step} of {settings.steps}"
                 )
-        return ensemble.arrays()
+        return as_arrays(network)
 
 
 def _likelihood(
     mean: torch.Tensor, log_variance: torch.Tensor, y: torch.Tensor
 ) -> torch.Tensor:
-    """Negative log-likelihood times variance^beta, (M, n, N). Source: seitzer2022."""
+    """Negative log-likelihood times the deviation, so that rows of large variance are not given up early, (M, n, N).
+
+    Source: seitzer2022.
+    """
     loss = 0.5 * (log_variance + (y - mean) ** 2 / log_variance.exp())
-    return loss * log_variance.detach().exp() ** BETA
+    return loss * log_variance.detach().exp().sqrt()
 
 
 # Which joints a network speaks on, and how loud: judged after the projection, on what members had held out.
@@ -940,7 +983,6 @@ class Report:
         in_output: the same of the network's output, before and after the projection of the heads [1].
         moves: by how many standard deviations each parameter of the effects would move if it were refitted with the
             network in place, before and after the projection; each (k,).
-        clipped, doubted: share of the rows on which the bound, and trust below 1, act [1].
     """
 
     by_form: dict[str, np.ndarray]
@@ -952,8 +994,6 @@ class Report:
     in_target: float
     in_output: tuple[float, float]
     moves: tuple[np.ndarray, np.ndarray]
-    clipped: float
-    doubted: float
 
 
 def fit_residual(
@@ -1044,8 +1084,6 @@ def fit_residual(
         in_target=1.0 - float(target_share),
         in_output=(share_explained(rows.q, before), share_explained(rows.q, after)),
         moves=(moves[0], moves[1]),
-        clipped=float((np.abs(after * rows.scale) > residual.bound).mean()),
-        doubted=float((residual.trust.factor(near) < 1.0).mean()),
     )
     return residual, report
 
@@ -1084,8 +1122,6 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
 # A residual network learnt from a case and judged on recordings set aside, joint by joint.
 
 
-TREE_RATE = 50.0
-"""Rate at which trees are evaluated along a motion, about [Hz]; what they say is low-passed after."""
 Predict = Callable[[Motion, np.ndarray], np.ndarray]
 """Torque [N m], (N, n), on a motion with the load that the corrected arm predicts [N m], (N, n)."""
 
@@ -1218,7 +1254,8 @@ def boosted_trees(rows: ResidualRows) -> Predict:
     ]
 
     def predict(motion: Motion, load: np.ndarray) -> np.ndarray:
-        step = max(1, int(motion.rate / TREE_RATE))
+        # what they say is low-passed after
+        step = max(1, int(motion.rate * SPACING))
         at = np.arange(0, len(motion.t), step)
         inputs = seen(rows.inputs.windows(motion, load, at))
         said = [model.predict(x) for model, x in zip(models, inputs, strict=True)]
@@ -1238,8 +1275,6 @@ BINS = 30
 """Bins of a curve, each with as many samples."""
 FEWEST = 8
 """Samples that a bin holds at least."""
-SLOW = 0.02
-"""A joint moves forward or backward when it is faster than this [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -1271,7 +1306,7 @@ def learnt_curves(found: LearntResidual, joint: int) -> list[LearntCurve]:
         parts.append(np.array([values[x.rows, joint] for values in series]))
     position, velocity, load, residual, network = np.concatenate(parts, axis=1)
     every = np.ones(len(velocity), dtype=bool)
-    forward, backward = velocity > SLOW, velocity < -SLOW
+    forward, backward = velocity > MOVING, velocity < -MOVING
     curves = []
     for over, signal, direction, rows in (
         ("position", position, "forward", forward),
