@@ -184,7 +184,7 @@ def _one(settings: Settings, engine: str) -> list[Row]:
 
 def _bare(arm: SimulatedArm, torque: np.ndarray, engine: str) -> Loop:
     """Every step with its torque and nothing of the project; the state is read once an action."""
-    inside = arm._arms.simulators[0]._bodies
+    inside = arm._bodies
     prepare = partial(arm.reset, POSTURE)
     if engine == "mujoco":
         rows = torque[::SUB_STEPS]
