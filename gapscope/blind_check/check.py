@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from joblib import Parallel, delayed
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.json_file import plain, read_json, write_json
-from gapscope.arm.nearest_name import nearest
+from gapscope.arm.nearest_name import check_keys, nearest
 from gapscope.blind_check.generator.arms import ROBOTS, USUAL
 from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
@@ -144,21 +144,11 @@ def read_plan(path: Path) -> BlindPlan:
     Raises:
         InputError: the file cannot be read, or a key or value is wrong.
     """
+    content = read_yaml(path, "give a YAML file with a plan")
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(
-            f"cannot be read as YAML ({error})",
-            "give a YAML file with a plan",
-            file=path,
-        ) from None
-    known = [field.name for field in fields(BlindPlan)]
-    remedy = f"known keys: {', '.join(known)}"
-    if not isinstance(content, dict):
-        raise InputError("is not a mapping", remedy, file=path)
-    for key in content:
-        if key not in known:
-            raise InputError(f"unknown key {key!r}", remedy, file=path)
+        content = check_keys(content, [field.name for field in fields(BlindPlan)])
+    except InputError as error:
+        raise error.at(path) from None
     # tuples, as a plan cannot change, and is compared with one begun before
     values: dict[str, Any] = {
         key: tuple(value) if isinstance(value, list) else value

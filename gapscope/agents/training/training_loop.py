@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -30,7 +29,7 @@ from gapscope.agents.training.task import (
 )
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import atomic_write, folder_aside
 from gapscope.arm.io.json_file import read_json, to_json
 
 # The algorithms of stable-baselines3: made, seeded, and their state as files without pickled code.
@@ -242,17 +241,15 @@ def written_checkpoint(
     Raises:
         GapscopeError: it cannot be written.
     """
-    aside, place = folder / f".{os.getpid()}", folder / f"round_{number:05d}"
+    place = folder / f"round_{number:05d}"
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         for left in folder.glob(".*"):  # by a process that was killed
             shutil.rmtree(left)
-        aside.mkdir(parents=True)
-        try:
+        with folder_aside(place) as aside:
             yield aside
             (aside / STATE).write_text(to_json(state), encoding="utf-8")
             aside.replace(place)
-        finally:
-            shutil.rmtree(aside, ignore_errors=True)
         for older in folder.glob("round_*"):
             if older != place:
                 shutil.rmtree(older)
