@@ -33,6 +33,7 @@ from gapscope.arm.motions.named_motions import (
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.applied import AppliedEffect, push
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
@@ -338,7 +339,7 @@ class Evaluation(NamedTuple):
 def evaluate(
     models: Mapping[str, Candidate],
     bench: TrackingBench,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
     cell: Cell = lambda key, model, compute: compute(),
 ) -> Evaluation:
     """Track with every model of ``models`` and raise its gains.

@@ -7,7 +7,7 @@ import platform
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from gapscope.blind_check.own_laws import enter_own_laws, own_names
 from gapscope.diagnosis import thresholds
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import write_document
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.provenance import library_versions, sha256, source_hash
 
@@ -300,30 +301,22 @@ def readable_labels(cases: Path, labels: Path | None = None) -> Path | None:
     """
     cases = cases.resolve()
     # here any readable file is one too many; elsewhere only that with the hash
-    certain = [labels_folder(cases)]
-    if labels is not None:
-        certain.append(labels.resolve())
+    certain = [labels_folder(cases), *([] if labels is None else [labels.resolve()])]
     for place in certain:
-        files = [place]
-        if place.is_dir():
-            files = sorted(path for path in place.rglob("*") if path.is_file())
-        for file in files:
+        for file in (place, *sorted(place.rglob("*"))):
             if _readable(file):
                 return file
     wanted = read_commitment(cases)["labels_sha256"]
-    around = {cases, cases.parent, *_folders(cases), *_folders(cases.parent)}
-    for folder in sorted(around):
-        place = folder / LABELS
-        if _readable(place) and sha256(place) == wanted:
-            return place
+    around = [
+        file
+        for folder in (cases, cases.parent)
+        for depth in (LABELS, f"*/{LABELS}")
+        for file in sorted(folder.glob(depth))
+    ]
+    for file in around:
+        if _readable(file) and sha256(file) == wanted:
+            return file
     return None
-
-
-def _folders(folder: Path) -> list[Path]:
-    try:
-        return sorted(path for path in folder.iterdir() if path.is_dir())
-    except OSError:
-        return []
 
 
 def _readable(path: Path) -> bool:
@@ -348,7 +341,7 @@ def make(
     seed: int | None = None,
     labels: Path | None = None,
     jobs: int = 1,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> tuple[Path, Path]:
     """Make the cases of a plan; those that are there already are kept.
 
@@ -473,7 +466,7 @@ def run(
     *,
     labels: Path | None = None,
     jobs: int = 1,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> int:
     """Diagnose every case; those that have been are kept, those that failed are tried again.
 

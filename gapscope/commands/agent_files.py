@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +25,7 @@ from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.commands.inputs import is_case
+from gapscope.diagnosis.prepare import Progress
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import described
 from gapscope.envs.arguments import check_values
@@ -176,7 +176,7 @@ def trained_in(
     out: Path,
     task: Task,
     settings: TrainingSettings,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> tuple[dict[str, Any], list[Path]]:
     """Train, or go on, unless the folder holds the whole result; the content of ``agent.json``, and the files."""
     paths = [out / name for name in (POLICY, CURVE, PAGE, DOCUMENT)]

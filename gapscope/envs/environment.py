@@ -493,54 +493,6 @@ SLOW = FASTEST_OBSERVED**2
 """Sum of squares of velocities of which none exceeds what is observed [rad^2/s^2]."""
 
 
-class SampledReferences:
-    """Courses of N episodes, K actions of S steps, n joints; each at an action of its own.
-
-    Args:
-        sub_steps: S.
-        shape: (N, n).
-        planned: numbers in the planned part of the observation.
-
-    Attributes:
-        at: number of the next action of each, shape (N,).
-        planned: the planned part of the observation then, shape (N, ...).
-        position, rate: the reference then [rad], [rad/s], which that part begins with, shape (N, n).
-    """
-
-    def __init__(self, sub_steps: int, shape: tuple[int, int], planned: int) -> None:
-        count, n = shape
-        self._sub_steps = sub_steps
-        self.at: np.ndarray = np.zeros(count, dtype=int)
-        self.planned = np.zeros((count, planned))
-        # views: they change with the rows of the planned part
-        self.position, self.rate = self.planned[:, :n], self.planned[:, n : 2 * n]
-        self._courses: dict[int, SampledReference] = {}
-
-    def put(self, number: int, course: SampledReference) -> None:
-        """Give an episode, numbered from 0, another course, at whose start it is."""
-        self.at[number], self.planned[number] = 0, course.planned[0]
-        self._courses[number] = course
-
-    def steps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Reference [rad] and feedforward [N m] at the steps of the next action, the first after it included.
-
-        Two arrays of shape (S + 1, N, n).
-        """
-        count = self._sub_steps
-        both = np.empty((2, count + 1, *self.position.shape))
-        for number, at in enumerate(self.at.tolist()):
-            # each episode is at an action of its own, so that each takes other rows
-            rows = slice(at * count, at * count + count + 1)
-            both[:, :, number] = self._courses[number].steps[:, rows]
-        return both[0], both[1]
-
-    def go_on(self) -> None:
-        """The next action is done."""
-        self.at += 1
-        for number, at in enumerate(self.at.tolist()):
-            self.planned[number] = self._courses[number].planned[at]
-
-
 class VelocityFilters:
     """``VelocityFilter`` of N arms, n joints.
 
@@ -590,7 +542,8 @@ class Episodes:
         torque_rate: RMS over joints and steps of the last action of the change of the torque commanded [N m/s], (N,).
         load: mean of (commanded / rated torque)^2 over joints and steps of the last action [1], (N,); of an action in
             which an arm diverged, both are over its steps until then.
-        courses: what the arms are to follow.
+        at: number of the next action of each, (N,).
+        planned: the planned part of the observation then, (N, ...).
         diverged: by number the arms that diverged in the last action: steps of it done until then, and what they had.
         action: the actions before, shape (N, ...).
 
@@ -634,8 +587,12 @@ class Episodes:
         rate = 1.0 / (setup.timing.dt * self._chunk)
         shape = (count, setup.arm.n_joints)
         self._estimate = VelocityFilters(rate, shape)
-        planned = len(range(setup.layout.size)[setup.layout.planned])
-        self.courses = SampledReferences(parts, shape, planned)
+        self.at: np.ndarray = np.zeros(count, dtype=int)
+        self.planned = np.zeros((count, setup.layout.size - setup.layout.planned.start))
+        # views, which change with the rows of the planned part
+        n = shape[1]
+        self._reference, self._rate = self.planned[:, :n], self.planned[:, n : 2 * n]
+        self._courses: dict[int, SampledReference] = {}
         self._home = np.zeros(shape)
         self.position, self.velocity, self.torque = np.zeros((3, *shape))
         self.q, self.dq, self.applied = np.zeros((3, *shape))
@@ -697,7 +654,8 @@ class Episodes:
         simulator.put(effects, place)
         # a stream of its own: noise does not depend on the motion or the effects drawn
         simulator.rngs[place] = np.random.default_rng(seed)
-        self.courses.put(number, course)
+        self._courses[number] = course
+        self.at[number], self.planned[number] = 0, course.planned[0]
         start, still = course.q[0], np.zeros(len(course.dq))
         # by the encoders: with a zero that is off the arm itself stands elsewhere
         simulator.start(start, course.dq, number=place)
@@ -737,7 +695,7 @@ class Episodes:
         if number not in self.diverged:
             return dict(stop_info(self.setup, self.q[number], reading))
         # the course has gone on already: it was the action before
-        before = int(self.courses.at[number] - 1) * self._timing.sub_steps
+        before = int(self.at[number] - 1) * self._timing.sub_steps
         until = before + self.diverged[number][0]
         state = reading, self.dq[number]
         hidden = self.effects[number]
@@ -746,12 +704,12 @@ class Episodes:
 
     def error(self) -> np.ndarray:
         """The tracking errors [rad], shape (N, n)."""
-        return self.courses.position - self.position
+        return self._reference - self.position
 
     def observations(self, error: np.ndarray) -> np.ndarray:
         """The observations with the tracking errors [rad], shape (N, n)."""
         measured = (self.position, self.velocity, error, self.action)
-        return self.setup.layout.assemble(measured, self.courses.planned)
+        return self.setup.layout.assemble(measured, self.planned)
 
     def play(
         self, action: np.ndarray
@@ -787,12 +745,12 @@ class Episodes:
         return error, parts.total, values, ends
 
     def _act(self, action: np.ndarray) -> None:
-        """Carry out the next action of each, shape (N, ...); the courses go on."""
-        self.diverged, courses = {}, self.courses
+        """Carry out the next action of each, shape (N, ...)."""
+        self.diverged = {}
         # networks see what the encoders gave before this action
         for number, network in self._networks.items():
             now = self.position[number], self.velocity[number]
-            network.see(int(courses.at[number]), *now)
+            network.see(int(self.at[number]), *now)
         before = self.torque
         act = self._command if self._control.gains is None else self._track
         series = act(action)
@@ -803,6 +761,12 @@ class Episodes:
         for number, (_, had) in self.diverged.items():
             for name, value in had.items():
                 getattr(self, name)[number] = value
+
+    def _go_on(self) -> None:
+        """The action is done: the next is to be chosen."""
+        self.at += 1
+        for number, at in enumerate(self.at.tolist()):
+            self.planned[number] = self._courses[number].planned[at]
 
     def _command(self, action: np.ndarray) -> np.ndarray:
         """Hold the torque of each action; that of each step [N m], (S, N, n)."""
@@ -815,14 +779,20 @@ class Episodes:
         for done in range(0, steps, self._chunk):
             velocity = self._estimate(self._hold(commanded, done))
             self.velocity = velocity.reshape(shape)
-        self.courses.go_on()
+        self._go_on()
         return np.broadcast_to(torque, (steps, *shape))
 
     def _track(self, action: np.ndarray) -> np.ndarray:
         """PD with feedforward at every step, with what the action adds or multiplies; the torques [N m], (S, N, n)."""
-        control, courses, gains = self._control, self.courses, self._gains
+        control, gains = self._control, self._gains
         assert control.gains is not None and gains is not None
-        reference, wanted = courses.steps()
+        # of each arm, which is at an action of its own, the steps of this action and the first after it
+        steps = self._timing.sub_steps
+        both = np.empty((2, steps + 1, *self.position.shape))
+        for number, at in enumerate(self.at.tolist()):
+            rows = slice(at * steps, at * steps + steps + 1)
+            both[:, :, number] = self._courses[number].steps[:, rows]
+        reference, wanted = both
         # the reference has one step more, at which the last action ends
         wanted = wanted[:-1]
         if control.multiplies:
@@ -834,7 +804,7 @@ class Episodes:
         kp, kd, lowest, limit = *gains, self._lowest, self._limit
         error, work, estimate = self._error, self._work, self._estimate
         # dq_ref - dq: the derivative of the error, as the last action left it
-        rate = (courses.rate - self.velocity).ravel()
+        rate = (self._rate - self.velocity).ravel()
         subtract(reference[0].ravel(), self.position.ravel(), error)
         # rows, filled in place
         torques, following = (
@@ -850,9 +820,9 @@ class Episodes:
             minimum(torque, limit, torque)
             subtract(after, self._hold(torque, done), error)
             rate = estimate(error)
-        courses.go_on()
+        self._go_on()
         # from the derivative of the error to a velocity: dq = dq_ref - D(error)
-        self.velocity = courses.rate - rate.reshape(self.position.shape)
+        self.velocity = self._rate - rate.reshape(self.position.shape)
         return wanted
 
     def _hold(self, torque: np.ndarray, done: int) -> np.ndarray:
@@ -864,7 +834,7 @@ class Episodes:
         if self._networks:
             felt = torque.copy()
             for number, network in self._networks.items():
-                step = self.courses.at[number] * self._timing.sub_steps + done
+                step = self.at[number] * self._timing.sub_steps + done
                 # felt by the arm: what was commanded is observed and rewarded
                 felt.reshape(shape)[number] -= network.torque(step)
         rows = felt.reshape(len(simulators), -1)
@@ -1105,7 +1075,7 @@ class ArmTracking(gymnasium.Env):
         info: dict[str, Any] = {name: float(x[0]) for name, x in values.items()}
         info |= early.get(0, {}) | episodes.truth(0)
         terminated = bool(early)
-        truncated = bool(episodes.courses.at[0] >= self.setup.timing.actions)
+        truncated = bool(episodes.at[0] >= self.setup.timing.actions)
         self._show(errors[0], info)
         # Gymnasium asks for a reset before the next step
         if terminated or truncated:
@@ -1267,7 +1237,7 @@ class VectorArmTracking(VectorEnv):
         early = {i: why for i, why in early.items() if not waiting[i]}
         terminated = np.zeros(self.num_envs, dtype=bool)
         terminated[list(early)] = True
-        truncated = (episodes.courses.at >= self.setup.timing.actions) & ~waiting
+        truncated = (episodes.at >= self.setup.timing.actions) & ~waiting
         ended = terminated | truncated
         # those that are reset in this step; their info is that of the new episode
         now = ended if self._mode == AutoresetMode.SAME_STEP else waiting

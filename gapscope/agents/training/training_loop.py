@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,6 +31,7 @@ from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write, folder_aside
 from gapscope.arm.io.json_file import read_json, to_json
+from gapscope.diagnosis.prepare import Progress, silent
 
 # The algorithms of stable-baselines3: made, seeded, and their state as files without pickled code.
 
@@ -398,7 +399,7 @@ class Training:
         task: Task,
         settings: TrainingSettings,
         folder: Path,
-        progress: Callable[[str], None] = lambda message: None,
+        progress: Progress = silent,
     ) -> None:
         check_installed()
         task.check(settings)
