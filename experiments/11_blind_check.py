@@ -103,12 +103,12 @@ def main() -> None:
         training = (
             (train, train_labels) if (train / "commitment.json").is_file() else None
         )
-        scored = score(
+        figures, verdicts = score(
             cases, out / "results", labels, training=training, jobs=jobs, progress=print
         )
-        for table in tables(scored.figures):
+        for table in tables(figures):
             print(table.markdown())
-        print(*write_score(scored, out / "score"), sep="\n")
+        print(*write_score(figures, verdicts, out / "score"), sep="\n")
 
 
 if __name__ == "__main__":

@@ -45,10 +45,11 @@ from typing import Any
 import numpy as np
 from common import command_line, kept, markdown, run_missing, run_part
 from generator_arms import ARMS, MOTIONS, Fed, GeneratorArm
+from scipy.stats import trim_mean
 
 from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
 from gapscope.agents.models import ArmModel, read_model
-from gapscope.agents.summary import interquartile_mean, mean_of
+from gapscope.agents.summary import mean_of
 from gapscope.agents.training.policy import (
     DOCUMENT,
     LAST,
@@ -214,8 +215,7 @@ def show_models(cells: Cells) -> None:
             pair = [cells.get((robot, name, seed)) for name in ("nominal", "corrected")]
             if all(pair):
                 nominal, corrected = (
-                    float(interquartile_mean(np.array(errors(under([one], "none")))))
-                    for one in pair
+                    float(trim_mean(errors(under([one], "none")), 0.25)) for one in pair
                 )
                 falls.append(f"{nominal / corrected:.1f}")
         print(f"\njoint error, nominal over corrected, by arm: {', '.join(falls)}")

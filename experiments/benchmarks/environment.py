@@ -184,7 +184,7 @@ def _one(settings: Settings, engine: str) -> list[Row]:
 
 def _bare(arm: SimulatedArm, torque: np.ndarray, engine: str) -> Loop:
     """Every step with its torque and nothing of the project; the state is read once an action."""
-    inside = arm._arms.simulators[0]._bodies
+    inside = arm._bodies
     prepare = partial(arm.reset, POSTURE)
     if engine == "mujoco":
         rows = torque[::SUB_STEPS]
@@ -248,7 +248,7 @@ def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> Loop:
     model = arm_model(moving_links(body), np.asarray(body.gravity), DT)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     env = VectorArmTracking(count, arm)
-    threads = env._episodes._arms.simulators[0]._bodies._batch.nthread
+    threads = env._episodes._simulators[0]._bodies._batch.nthread
     batch = Batch(model, count, threads)
     position, force = batch.bind("qpos"), batch.bind("qfrc_applied")
     seen = np.zeros_like(position)

@@ -24,9 +24,16 @@ from gapscope.agents.tracking import (
 )
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.motions.named_motions import check_motion_name, draw_motion, workspace
+from gapscope.arm.motions.named_motions import (
+    Workspace,
+    check_motion_name,
+    draw_motion,
+    workspace,
+)
+from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.applied import AppliedEffect, push
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
@@ -110,6 +117,18 @@ Cell = Callable[[tuple[str, ...], Candidate, Callable[[], Any]], Any]
 
 HELD_OUT = 0x6A95
 """Motions come from seeds behind this number, so that no recording has the same."""
+
+
+def held_out_motion(
+    name: str, seed: int, space: Workspace, duration: float
+) -> ReferenceMotion:
+    """A motion of ``duration`` [s] that no training and no recording has."""
+    # each usual motion draws from numbers of its own, whatever else is planned
+    number = MOTIONS.index(name) if name in MOTIONS else 99
+    rng = np.random.default_rng((HELD_OUT, number, seed))
+    return draw_motion(name, rng, space, duration)
+
+
 MARGIN_TIME = 1.5
 """Length of the motion on which gains are raised [s]."""
 DT = 1e-3
@@ -204,10 +223,8 @@ class TrackingBench:
         """A held-out motion, and the torque that must be commanded for it [N m], (N, n)."""
         key = (motion, seed)
         if key not in self._courses:
-            # each usual motion draws from numbers of its own, whatever else is planned
-            number = MOTIONS.index(motion) if motion in MOTIONS else 99
-            rng = np.random.default_rng((HELD_OUT, number, seed))
-            reference = draw_motion(motion, rng, self.space, self.plan.duration)
+            how = self.space, self.plan.duration
+            reference = held_out_motion(motion, seed, *how)
             course = SampledReference.of(reference, self.plan.duration, DT)
             self._courses[key] = course, self._truth.series(course.motion)
         return self._courses[key]
@@ -322,7 +339,7 @@ class Evaluation(NamedTuple):
 def evaluate(
     models: Mapping[str, Candidate],
     bench: TrackingBench,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
     cell: Cell = lambda key, model, compute: compute(),
 ) -> Evaluation:
     """Track with every model of ``models`` and raise its gains.

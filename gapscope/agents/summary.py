@@ -27,25 +27,14 @@ class Mean(NamedTuple):
     high: float
 
 
-def interquartile_mean(values: np.ndarray) -> np.ndarray:
-    """Mean of the middle half of the values along the first axis, shape (N, ...).
-
-    A quarter of the N values, rounded down, is left out at both ends; below four values it is the plain mean. Infinite
-    values count as the largest.
-
-    Source: agarwal2021.
-    """
-    return np.asarray(trim_mean(np.asarray(values, dtype=float), 0.25, axis=0))
-
-
 def mean_of(
     values: Sequence[float],
     strata: Sequence[Hashable],
     rng: np.random.Generator,
-    draws: int = DRAWS,
 ) -> Mean:
     """Interquartile mean with the percentile interval of a stratified bootstrap.
 
+    A quarter of the values, rounded down, is left out at both ends; infinite ones count as the largest (agarwal2021).
     Runs are drawn with replacement within each stratum, so that every motion keeps its weight (agarwal2021). With
     one run per stratum the interval is the value.
 
@@ -53,7 +42,6 @@ def mean_of(
         values: of the runs.
         strata: what they are drawn within, one per value, such as the motion.
         rng: source of the draws.
-        draws: how many.
     """
     if not len(values):
         return Mean(nan, nan, nan)
@@ -65,12 +53,12 @@ def mean_of(
     drawn = []
     for places in places_of.values():
         count = len(places)
-        drawn.append(np.array(places)[rng.integers(count, size=(count, draws))])
-    resampled = interquartile_mean(array[np.concatenate(drawn)])
+        drawn.append(np.array(places)[rng.integers(count, size=(count, DRAWS))])
+    resampled = trim_mean(array[np.concatenate(drawn)], 0.25)
     tails = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
     # a value that was drawn: infinite ones cannot be interpolated
     low, high = np.quantile(resampled, tails, method="nearest")
-    return Mean(float(interquartile_mean(array)), float(low), float(high))
+    return Mean(float(trim_mean(array, 0.25)), float(low), float(high))
 
 
 SEED = 20

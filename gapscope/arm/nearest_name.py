@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Any
 
 from gapscope.arm.errors import InputError
 
@@ -31,6 +32,20 @@ def check_known(kind: str, name: object, known: Iterable[str], where: str = "") 
         f"{nearest(str(name), known)}known are {', '.join(known)}",
         where=where,
     )
+
+
+def check_keys(content: object, known: Iterable[str]) -> dict[str, Any]:
+    """The content of a file or a part of one, if it is keys with values, all of them known.
+
+    Raises:
+        InputError: it is something else, or there is another key; the nearest is offered.
+    """
+    known = list(known)
+    if not isinstance(content, dict):
+        raise InputError("expected names with values", f"known are {', '.join(known)}")
+    for key in content:
+        check_known("key", key, known, where=str(key))
+    return content
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

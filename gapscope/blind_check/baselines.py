@@ -180,6 +180,8 @@ EXPLAINED = 0.7
 """Share of the gap's squares above which it counts as explained."""
 EFFECTIVE = 10
 """Rows that count as one independent observation."""
+RIDGE = 1e-2
+"""Penalty of ridge regression [1]."""
 NAMED = 0.1
 """Share of the gap's length that an effect needs to be named by ridge regression."""
 MAX_COLUMNS = 25
@@ -253,13 +255,13 @@ def _bic(residual: np.ndarray, terms: int) -> float:
     return float(count * np.log(mean_square) + terms * np.log(count))
 
 
-def ridge(design: Design, penalty: float = 1e-2) -> dict[str, Any]:
+def ridge(design: Design) -> dict[str, Any]:
     """All columns at once with a quadratic penalty; effects whose part of the gap is long enough are named."""
     if design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
     columns, gap = design.columns, design.gap
     # one penalty for all: columns have unit length, and the gap no unit
-    normal = columns.T @ columns + penalty * np.eye(columns.shape[1])
+    normal = columns.T @ columns + RIDGE * np.eye(columns.shape[1])
     weights = np.linalg.solve(normal, columns.T @ gap)
     residual = gap - columns @ weights
     found = []

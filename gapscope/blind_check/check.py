@@ -7,19 +7,19 @@ import platform
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from joblib import Parallel, delayed
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.json_file import plain, read_json, write_json
-from gapscope.arm.nearest_name import nearest
+from gapscope.arm.nearest_name import check_keys, nearest
 from gapscope.blind_check.generator.arms import ROBOTS, USUAL
 from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
@@ -34,6 +34,7 @@ from gapscope.blind_check.own_laws import enter_own_laws, own_names
 from gapscope.diagnosis import thresholds
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import write_document
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.provenance import library_versions, sha256, source_hash
 
@@ -144,21 +145,11 @@ def read_plan(path: Path) -> BlindPlan:
     Raises:
         InputError: the file cannot be read, or a key or value is wrong.
     """
+    content = read_yaml(path, "give a YAML file with a plan")
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(
-            f"cannot be read as YAML ({error})",
-            "give a YAML file with a plan",
-            file=path,
-        ) from None
-    known = [field.name for field in fields(BlindPlan)]
-    remedy = f"known keys: {', '.join(known)}"
-    if not isinstance(content, dict):
-        raise InputError("is not a mapping", remedy, file=path)
-    for key in content:
-        if key not in known:
-            raise InputError(f"unknown key {key!r}", remedy, file=path)
+        content = check_keys(content, [field.name for field in fields(BlindPlan)])
+    except InputError as error:
+        raise error.at(path) from None
     # tuples, as a plan cannot change, and is compared with one begun before
     values: dict[str, Any] = {
         key: tuple(value) if isinstance(value, list) else value
@@ -310,30 +301,22 @@ def readable_labels(cases: Path, labels: Path | None = None) -> Path | None:
     """
     cases = cases.resolve()
     # here any readable file is one too many; elsewhere only that with the hash
-    certain = [labels_folder(cases)]
-    if labels is not None:
-        certain.append(labels.resolve())
+    certain = [labels_folder(cases), *([] if labels is None else [labels.resolve()])]
     for place in certain:
-        files = [place]
-        if place.is_dir():
-            files = sorted(path for path in place.rglob("*") if path.is_file())
-        for file in files:
+        for file in (place, *sorted(place.rglob("*"))):
             if _readable(file):
                 return file
     wanted = read_commitment(cases)["labels_sha256"]
-    around = {cases, cases.parent, *_folders(cases), *_folders(cases.parent)}
-    for folder in sorted(around):
-        place = folder / LABELS
-        if _readable(place) and sha256(place) == wanted:
-            return place
+    around = [
+        file
+        for folder in (cases, cases.parent)
+        for depth in (LABELS, f"*/{LABELS}")
+        for file in sorted(folder.glob(depth))
+    ]
+    for file in around:
+        if _readable(file) and sha256(file) == wanted:
+            return file
     return None
-
-
-def _folders(folder: Path) -> list[Path]:
-    try:
-        return sorted(path for path in folder.iterdir() if path.is_dir())
-    except OSError:
-        return []
 
 
 def _readable(path: Path) -> bool:
@@ -358,7 +341,7 @@ def make(
     seed: int | None = None,
     labels: Path | None = None,
     jobs: int = 1,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> tuple[Path, Path]:
     """Make the cases of a plan; those that are there already are kept.
 
@@ -483,7 +466,7 @@ def run(
     *,
     labels: Path | None = None,
     jobs: int = 1,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> int:
     """Diagnose every case; those that have been are kept, those that failed are tried again.
 

@@ -81,8 +81,8 @@ def _law(effect: TorqueLaw) -> Law:
         effect.name,
         drawn,
         act,
-        {p.name: p.severity for p in effect.parameters if p.severity},
         {p.name: p.unit for p in effect.parameters},
+        powers={p.name: p.severity for p in effect.parameters if p.severity},
         largest={
             p.name: p.bounds[1] if p.severity > 0 else -p.bounds[0]
             for p in effect.parameters

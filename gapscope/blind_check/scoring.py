@@ -32,6 +32,7 @@ from gapscope.blind_check.baselines import (
 from gapscope.blind_check.check import DONE, FROZEN, UNSEEN, diagnosis_hash, open_labels
 from gapscope.blind_check.generator.simulate import residual, rms
 from gapscope.diagnosis.gap.predict import predict_torque
+from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected_arm
 from gapscope.provenance import source_hash
@@ -60,19 +61,21 @@ def brier(probability: np.ndarray, right: np.ndarray) -> float | None:
     return float(np.mean((probability - right) ** 2)) if len(probability) else None
 
 
-def reliability(
-    probability: np.ndarray, right: np.ndarray, bins: int = 10
-) -> list[dict[str, float]]:
+BINS = 10
+"""Bins of probability."""
+
+
+def reliability(probability: np.ndarray, right: np.ndarray) -> list[dict[str, float]]:
     """Per bin of probability that holds findings: its edges, how many, mean probability, share that is right."""
     # a probability of one belongs to the last bin
-    bin_of = np.minimum((np.asarray(probability) * bins).astype(int), bins - 1)
+    bin_of = np.minimum((np.asarray(probability) * BINS).astype(int), BINS - 1)
     rows = []
     for k in np.unique(bin_of).tolist():
         inside = bin_of == k
         rows.append(
             {
-                "from": k / bins,
-                "to": (k + 1) / bins,
+                "from": k / BINS,
+                "to": (k + 1) / BINS,
                 "count": int(inside.sum()),
                 "probability": float(probability[inside].mean()),
                 "right": float(right[inside].mean()),
@@ -81,11 +84,11 @@ def reliability(
     return rows
 
 
-def ece(probability: np.ndarray, right: np.ndarray, bins: int = 10) -> float | None:
+def ece(probability: np.ndarray, right: np.ndarray) -> float | None:
     """Expected calibration error: mean over findings of |mean p - share right| of the bin; ``None`` without any."""
     if not len(probability):
         return None
-    rows = reliability(probability, right, bins)
+    rows = reliability(probability, right)
     weighted = [row["count"] * abs(row["probability"] - row["right"]) for row in rows]
     return float(sum(weighted) / len(probability))
 
@@ -604,19 +607,6 @@ METHODS = {"largest R^2": largest_r2, "forward BIC": forward_bic, "ridge": ridge
 """Baselines that need nothing but the case."""
 
 
-@dataclass(frozen=True)
-class Scored:
-    """A blind check, scored.
-
-    Attributes:
-        figures: what ``score.json`` holds.
-        cases: verdict and truth of each case.
-    """
-
-    figures: dict[str, Any]
-    cases: tuple[Compared, ...]
-
-
 def score(
     cases: Path,
     results: Path,
@@ -625,8 +615,8 @@ def score(
     baselines: bool = True,
     training: tuple[Path, Path] | None = None,
     jobs: int = 1,
-    progress: Callable[[str], None] = lambda message: None,
-) -> Scored:
+    progress: Progress = silent,
+) -> tuple[dict[str, Any], tuple[Compared, ...]]:
     """Open the labels and score the verdicts.
 
     Args:
@@ -636,6 +626,9 @@ def score(
         training: folder of other cases and their labels, on which the classifier is trained.
         jobs: cases at a time.
         progress: called with a few words at each step.
+
+    Returns:
+        The figures, as JSON data, and verdict and truth of each case.
 
     Raises:
         InputError: the labels are not those that were committed to.
@@ -667,7 +660,7 @@ def score(
     if baselines:
         progress("runs the baselines")
         figures["baselines"] = _baselines(cases, truth, training, jobs)
-    return Scored(figures, compared)
+    return figures, compared
 
 
 def _compare(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,13 +20,15 @@ from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_yaml
-from gapscope.arm.io.json_file import to_json, write_json
+from gapscope.arm.io.json_file import schema, to_json, write_json
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.commands.inputs import is_case
+from gapscope.diagnosis.prepare import Progress
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import described
+from gapscope.envs.arguments import check_values
 from gapscope.envs.registration import NAME
 from gapscope.provenance import fingerprint
 from gapscope.reports.training import write_page
@@ -40,15 +41,8 @@ if TYPE_CHECKING:
 
 ALIASES = {"motion": "motions", "engines": "engine", "episode_length": "duration"}
 """Names of the environment's arguments, by those of the command."""
-EXPECTED = {
-    "a name or path": ("robot", "case", "effects", "law"),
-    "a name or a list of names": ("engine", "motions", "disturbances"),
-    "a number": ("duration", "bandwidth", "damping"),
-    "a whole number from 1 on": ("seeds",),
-    "a data sheet, as nominal: of a case": ("sheet",),
-}
-"""Keys that a file may have, by what their values are."""
-KNOWN = (*(key for keys in EXPECTED.values() for key in keys), *ALIASES)
+KNOWN = (*schema("environment")["properties"]["file"]["properties"], *ALIASES)
+"""Keys that a file may have."""
 UNUSED = (
     "action",
     "action_share",
@@ -103,31 +97,19 @@ def read_environment(source: str) -> tuple[Path, dict[str, Any]]:
             raise fault(f"unknown key {key!r}", near)
         if name in values:
             raise fault(f"says the same as {name}", "leave one of them out", key)
-        values[name] = value if key in UNUSED else _checked(name, value, fault)
+        values[name] = value
+    try:
+        check_values(values, "environment", "file")
+    except InputError as error:
+        raise error.at(path) from None
+    # lists of names as the options have them, with commas
+    for name in ("engine", "motions", "disturbances"):
+        if isinstance(values.get(name), list):
+            values[name] = ",".join(values[name])
     if "case" in values and ("robot" in values or "sheet" in values):
         remedy = "leave robot: and sheet: out"
         raise fault("a case has its own robot and data sheet", remedy)
     return path, values
-
-
-def _checked(name: str, value: Any, fault: Callable[..., InputError]) -> Any:
-    """A value as the command's option takes it."""
-    expected = next(kind for kind, keys in EXPECTED.items() if name in keys)
-    # in Python true and false are whole numbers
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    names = isinstance(value, list) and value and all(isinstance(x, str) for x in value)
-    right = {
-        "a name or path": isinstance(value, str),
-        "a name or a list of names": names or isinstance(value, str),
-        "a number": number,
-        "a whole number from 1 on": number and isinstance(value, int) and value >= 1,
-    }.get(expected, value is None or isinstance(value, dict))
-    if not right:
-        raise fault(f"expected {expected}, got {value!r}", "", name)
-    if expected == "a number":
-        return float(value)
-    # a list of names as the option has it, with commas
-    return ",".join(value) if names else value
 
 
 def merge_options(
@@ -194,7 +176,7 @@ def trained_in(
     out: Path,
     task: Task,
     settings: TrainingSettings,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> tuple[dict[str, Any], list[Path]]:
     """Train, or go on, unless the folder holds the whole result; the content of ``agent.json``, and the files."""
     paths = [out / name for name in (POLICY, CURVE, PAGE, DOCUMENT)]

@@ -139,7 +139,7 @@ def score(
     from gapscope.reports.blind_check import brief_tables, write_score
 
     training = (train, labels_folder(train)) if train else None
-    scored = score_cases(
+    figures, verdicts = score_cases(
         cases,
         results,
         labels,
@@ -148,10 +148,10 @@ def score(
         jobs=jobs,
         progress=note,
     )
-    for table in brief_tables(scored.figures):
+    for table in brief_tables(figures):
         console.print(table.on_terminal())
     with locked(out):
-        paths = write_score(scored, out)
+        paths = write_score(figures, verdicts, out)
     wrote(*paths)
 
 

@@ -47,6 +47,7 @@ from gapscope.envs.arguments import (
     checked_motion,
     record_of,
 )
+from gapscope.envs.drive.arm_drive import nominal_body
 from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.position_controller import (
     SAFE,
@@ -64,7 +65,7 @@ from gapscope.envs.reward import Reward, RewardParts
 from gapscope.envs.simulated_arm import (
     FASTEST_OBSERVED,
     NetworkTorque,
-    SimulatedArms,
+    SimulatedArm,
     fastest,
 )
 
@@ -492,54 +493,6 @@ SLOW = FASTEST_OBSERVED**2
 """Sum of squares of velocities of which none exceeds what is observed [rad^2/s^2]."""
 
 
-class SampledReferences:
-    """Courses of N episodes, K actions of S steps, n joints; each at an action of its own.
-
-    Args:
-        sub_steps: S.
-        shape: (N, n).
-        planned: numbers in the planned part of the observation.
-
-    Attributes:
-        at: number of the next action of each, shape (N,).
-        planned: the planned part of the observation then, shape (N, ...).
-        position, rate: the reference then [rad], [rad/s], which that part begins with, shape (N, n).
-    """
-
-    def __init__(self, sub_steps: int, shape: tuple[int, int], planned: int) -> None:
-        count, n = shape
-        self._sub_steps = sub_steps
-        self.at: np.ndarray = np.zeros(count, dtype=int)
-        self.planned = np.zeros((count, planned))
-        # views: they change with the rows of the planned part
-        self.position, self.rate = self.planned[:, :n], self.planned[:, n : 2 * n]
-        self._courses: dict[int, SampledReference] = {}
-
-    def put(self, number: int, course: SampledReference) -> None:
-        """Give an episode, numbered from 0, another course, at whose start it is."""
-        self.at[number], self.planned[number] = 0, course.planned[0]
-        self._courses[number] = course
-
-    def steps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Reference [rad] and feedforward [N m] at the steps of the next action, the first after it included.
-
-        Two arrays of shape (S + 1, N, n).
-        """
-        count = self._sub_steps
-        both = np.empty((2, count + 1, *self.position.shape))
-        for number, at in enumerate(self.at.tolist()):
-            # each episode is at an action of its own, so that each takes other rows
-            rows = slice(at * count, at * count + count + 1)
-            both[:, :, number] = self._courses[number].steps[:, rows]
-        return both[0], both[1]
-
-    def go_on(self) -> None:
-        """The next action is done."""
-        self.at += 1
-        for number, at in enumerate(self.at.tolist()):
-            self.planned[number] = self._courses[number].planned[at]
-
-
 class VelocityFilters:
     """``VelocityFilter`` of N arms, n joints.
 
@@ -549,51 +502,24 @@ class VelocityFilters:
     """
 
     def __init__(self, rate: float, shape: tuple[int, int]) -> None:
-        self._rate = rate
-        gains = np.array(filter_gains(rate, cutoff(rate), VELOCITY_DAMPING))
-        pasts: np.ndarray = np.zeros((2, 5, shape[0] * shape[1]))
-        self._product, tables = gains.dot, pasts
-        if shape[0] > 1:
-            # one product per arm: a single large one would round differently
-            self._product = partial(np.matmul, gains)
-            tables = pasts.reshape(2, 5, *shape).swapaxes(1, 2)
-        # from one array into the other, in turns: numpy takes longer to move rows within one, and to slice again
-        self._turns = [
-            (past[0], past[:-1], past[1:], table, table[..., 3, :], past[3])
-            for past, table in zip(pasts, tables, strict=True)
-        ]
-        self._pasts = [past.reshape(5, *shape) for past in pasts]
+        self._how = rate, cutoff(rate), VELOCITY_DAMPING
+        self._gains = np.array(filter_gains(*self._how))
+        self._past = np.zeros((shape[0], 5, shape[1]))
+        self._newest = self._past[:, 0]
 
     def put(self, number: int, position: np.ndarray, velocity: np.ndarray) -> None:
         """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
-        rate = self._rate
-        one = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, position, velocity)
-        # the first of the two arrays is the one that is read next
-        self._pasts[0][:, number] = one.past
+        self._past[number] = VelocityFilter(*self._how, position, velocity).past
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Filtered velocities [rad/s] for the next positions q [rad], (N n,); valid until the next call but one."""
-        newest, kept, _, table, _, _ = self._turns[0]
-        _, _, older, _, result, velocity = self._turns[1]
-        newest[...] = q
-        older[...] = kept
-        self._product(table, out=result)
-        # what was written is the past of the next call
-        self._turns.reverse()
-        self._pasts.reverse()
-        return velocity
-
-
-class _Diverged(NamedTuple):
-    """What an arm had when it diverged: steps of the action done until then, torque [N m], motion [rad], [rad/s]."""
-
-    done: int
-    torque: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    applied: np.ndarray
+        """Filtered velocities [rad/s] for the next positions q [rad], (N n,)."""
+        past = self._past
+        self._newest[...] = q.reshape(self._newest.shape)
+        # a product for each arm: a single large one would round differently
+        velocity: np.ndarray = np.matmul(self._gains, past)
+        past[:, 1:] = past[:, :-1]
+        past[:, 3] = velocity
+        return velocity.ravel()
 
 
 class Episodes:
@@ -605,7 +531,8 @@ class Episodes:
     Args:
         setup: of the environments.
         count: N.
-        engine, together, threads: as of ``gapscope.envs.simulated_arm.SimulatedArms``.
+        together: whether the arms are stepped by one simulator; otherwise each has one of its own.
+        engine, threads: as of ``gapscope.envs.simulated_arm.SimulatedArm``.
 
     Attributes:
         position: as the encoders give it, quantised as the data sheet says [rad], shape (N, n).
@@ -615,8 +542,9 @@ class Episodes:
         torque_rate: RMS over joints and steps of the last action of the change of the torque commanded [N m/s], (N,).
         load: mean of (commanded / rated torque)^2 over joints and steps of the last action [1], (N,); of an action in
             which an arm diverged, both are over its steps until then.
-        courses: what the arms are to follow.
-        diverged: the arms that diverged in the last action, by number.
+        at: number of the next action of each, (N,).
+        planned: the planned part of the observation then, (N, ...).
+        diverged: by number the arms that diverged in the last action: steps of it done until then, and what they had.
         action: the actions before, shape (N, ...).
 
     Raises:
@@ -633,18 +561,23 @@ class Episodes:
         threads: int = 0,
     ) -> None:
         self.setup, self._control, self._timing = setup, setup.control, setup.timing
-        self._arms = SimulatedArms(
-            setup.base.arm,
-            setup.options.effects,
-            setup.timing.dt,
-            count,
-            engine=engine,
-            # encoders are those of the robot, whatever arm is simulated in its place
-            encoder_step=setup.arm.encoder_step or 0.0,
-            encoder_noise=setup.encoder_noise,
-            together=together,
-            threads=threads,
-        )
+        nominal = nominal_body(setup.base.arm)
+        self._each = count if together else 1
+        self._simulators = [
+            SimulatedArm(
+                setup.base.arm,
+                setup.options.effects,
+                setup.timing.dt,
+                self._each,
+                engine=engine,
+                # encoders are those of the robot, whatever arm is simulated in its place
+                encoder_step=setup.arm.encoder_step or 0.0,
+                encoder_noise=setup.encoder_noise,
+                nominal=nominal,
+                threads=threads,
+            )
+            for _ in range(count // self._each)
+        ]
         self._networks: dict[int, NetworkTorque] = {}
         # steps between readings of the encoders: as many as fit, and divide those of an action
         self._chunk, parts = 1, setup.timing.sub_steps
@@ -654,13 +587,17 @@ class Episodes:
         rate = 1.0 / (setup.timing.dt * self._chunk)
         shape = (count, setup.arm.n_joints)
         self._estimate = VelocityFilters(rate, shape)
-        planned = len(range(setup.layout.size)[setup.layout.planned])
-        self.courses = SampledReferences(parts, shape, planned)
+        self.at: np.ndarray = np.zeros(count, dtype=int)
+        self.planned = np.zeros((count, setup.layout.size - setup.layout.planned.start))
+        # views, which change with the rows of the planned part
+        n = shape[1]
+        self._reference, self._rate = self.planned[:, :n], self.planned[:, n : 2 * n]
+        self._courses: dict[int, SampledReference] = {}
         self._home = np.zeros(shape)
         self.position, self.velocity, self.torque = np.zeros((3, *shape))
         self.q, self.dq, self.applied = np.zeros((3, *shape))
         self.load, self.torque_rate = np.zeros((2, count))
-        self.diverged: dict[int, _Diverged] = {}
+        self.diverged: dict[int, tuple[int, dict[str, np.ndarray]]] = {}
         # of the joints of all arms: numpy takes longer for what it must spread
         control = setup.control
         self._gains = control.gains and Gains(
@@ -681,11 +618,26 @@ class Episodes:
     @property
     def effects(self) -> list[tuple[AppliedEffect, ...]]:
         """Effects of each arm beyond the base."""
-        return self._arms.effects
+        return [own for simulator in self._simulators for own in simulator.effects]
 
     def close(self) -> None:
         """Free the engine."""
-        self._arms.close()
+        for simulator in self._simulators:
+            simulator.close()
+
+    def _simulator(self, number: int) -> tuple[SimulatedArm, int]:
+        """The simulator of an arm, and the arm's number in it."""
+        return self._simulators[number // self._each], number % self._each
+
+    def _joined(self, values: Iterable[np.ndarray]) -> np.ndarray:
+        """Values of each simulator as those of all arms, (N n,)."""
+        own = list(values)
+        return own[0] if len(own) == 1 else np.concatenate(own)
+
+    def _state(self, name: str) -> np.ndarray:
+        """An attribute of the simulators, by arms, (N, n)."""
+        values = self._joined(getattr(one, name) for one in self._simulators)
+        return values.reshape(self.action.shape[0], -1)
 
     def begin(
         self, number: int, options: Mapping[str, Any], rng: np.random.Generator
@@ -698,20 +650,21 @@ class Episodes:
         # two numbers whatever is drawn from them: later episodes stay the same
         seed = rng.integers(2**63, size=2)
         course, effects = self.setup.draw(options, seed)
-        arms = self._arms
-        arms.put(number, effects)
+        simulator, place = self._simulator(number)
+        simulator.put(effects, place)
         # a stream of its own: noise does not depend on the motion or the effects drawn
-        arms.draw_noise_from(number, np.random.default_rng(seed))
-        self.courses.put(number, course)
+        simulator.rngs[place] = np.random.default_rng(seed)
+        self._courses[number] = course
+        self.at[number], self.planned[number] = 0, course.planned[0]
         start, still = course.q[0], np.zeros(len(course.dq))
         # by the encoders: with a zero that is off the arm itself stands elsewhere
-        arms.start(number, start, course.dq)
-        self._home[number] = self.q[number] = arms.state("q")[number]
+        simulator.start(start, course.dq, number=place)
+        self._home[number] = self.q[number] = self._state("q")[number]
         moving = self._control.gains is None
         # a PD loop differentiates the tracking error, which is zero at the start
         first = (start, course.dq) if moving else (still, still)
         self._estimate.put(number, *first)
-        self.position[number] = arms.read_one(number)
+        self.position[number] = simulator.encoders(place)
         self.velocity[number] = course.dq
         self.torque[number] = course.steps[1, 0]
         self.dq[number], self.applied[number] = course.dq, 0.0
@@ -742,8 +695,8 @@ class Episodes:
         if number not in self.diverged:
             return dict(stop_info(self.setup, self.q[number], reading))
         # the course has gone on already: it was the action before
-        before = int(self.courses.at[number] - 1) * self._timing.sub_steps
-        until = before + self.diverged[number].done
+        before = int(self.at[number] - 1) * self._timing.sub_steps
+        until = before + self.diverged[number][0]
         state = reading, self.dq[number]
         hidden = self.effects[number]
         acted = bool(self._acted[number])
@@ -751,12 +704,12 @@ class Episodes:
 
     def error(self) -> np.ndarray:
         """The tracking errors [rad], shape (N, n)."""
-        return self.courses.position - self.position
+        return self._reference - self.position
 
     def observations(self, error: np.ndarray) -> np.ndarray:
         """The observations with the tracking errors [rad], shape (N, n)."""
         measured = (self.position, self.velocity, error, self.action)
-        return self.setup.layout.assemble(measured, self.courses.planned)
+        return self.setup.layout.assemble(measured, self.planned)
 
     def play(
         self, action: np.ndarray
@@ -792,55 +745,54 @@ class Episodes:
         return error, parts.total, values, ends
 
     def _act(self, action: np.ndarray) -> None:
-        """Carry out the next action of each, shape (N, ...); the courses go on."""
-        self.diverged, kept, courses = {}, self.velocity, self.courses
+        """Carry out the next action of each, shape (N, ...)."""
+        self.diverged = {}
         # networks see what the encoders gave before this action
         for number, network in self._networks.items():
             now = self.position[number], self.velocity[number]
-            network.see(int(courses.at[number]), *now)
-        if self._control.gains is None:
-            self._command(action)
-            courses.go_on()
-        else:
-            self._track(action)
-        self.q, self.dq, self.applied = map(self._arms.state, ("q", "dq", "applied"))
+            network.see(int(self.at[number]), *now)
+        before = self.torque
+        act = self._command if self._control.gains is None else self._track
+        series = act(action)
+        self._note(series, before)
+        self.torque = series[-1].copy()
+        self.q, self.dq, self.applied = map(self._state, ("q", "dq", "applied"))
         # these arms stand at their start by now; what they had as they diverged is told
-        for number, end in self.diverged.items():
-            self.torque[number], self.position[number] = end.torque, end.position
-            self.q[number], self.dq[number] = end.q, end.dq
-            self.applied[number] = end.applied
-            # the velocity of the PD law is noted at the end of an action only
-            tracked = self._control.gains is not None
-            self.velocity[number] = kept[number] if tracked else end.velocity
+        for number, (_, had) in self.diverged.items():
+            for name, value in had.items():
+                getattr(self, name)[number] = value
 
-    def _command(self, action: np.ndarray) -> None:
-        """Hold the torque of each action."""
-        steps, before, estimate = self._timing.sub_steps, self.torque, self._estimate
-        self.torque = self._scale * action
-        commanded = self.torque.ravel()
+    def _go_on(self) -> None:
+        """The action is done: the next is to be chosen."""
+        self.at += 1
+        for number, at in enumerate(self.at.tolist()):
+            self.planned[number] = self._courses[number].planned[at]
+
+    def _command(self, action: np.ndarray) -> np.ndarray:
+        """Hold the torque of each action; that of each step [N m], (S, N, n)."""
+        steps, shape = self._timing.sub_steps, self.position.shape
+        torque = self._scale * action
+        commanded = torque.ravel()
         maximum(commanded, self._lowest, commanded)
         minimum(commanded, self._limit, commanded)
         # the torque is held throughout, only the encoders are read in between
         for done in range(0, steps, self._chunk):
-            velocity = estimate(self._hold(commanded, done))
-            self.velocity = velocity.reshape(before.shape)
-        # a copy: the filter writes into this memory again
-        self.velocity = self.velocity.copy()
-        share, jump = self.torque / self._rated, self.torque - before
-        held = self._steps_of(steps)
-        for number, end in self.diverged.items():
-            # noticed after the reading in which it happened, whose steps were all made
-            held[number] = min(end.done + self._chunk, steps)
-        squares, jumps = np.vecdot(share, share), np.vecdot(jump, jump)
-        # the same torque at every step, and a single jump at the first
-        self._note(held * squares, jumps, held)
+            velocity = self._estimate(self._hold(commanded, done))
+            self.velocity = velocity.reshape(shape)
+        self._go_on()
+        return np.broadcast_to(torque, (steps, *shape))
 
-    def _track(self, action: np.ndarray) -> None:
-        """PD with feedforward at every step, with what the action adds or multiplies."""
-        control, courses, gains = self._control, self.courses, self._gains
+    def _track(self, action: np.ndarray) -> np.ndarray:
+        """PD with feedforward at every step, with what the action adds or multiplies; the torques [N m], (S, N, n)."""
+        control, gains = self._control, self._gains
         assert control.gains is not None and gains is not None
-        before, velocity = self.torque, self.velocity
-        reference, wanted = courses.steps()
+        # of each arm, which is at an action of its own, the steps of this action and the first after it
+        steps = self._timing.sub_steps
+        both = np.empty((2, steps + 1, *self.position.shape))
+        for number, at in enumerate(self.at.tolist()):
+            rows = slice(at * steps, at * steps + steps + 1)
+            both[:, :, number] = self._courses[number].steps[:, rows]
+        reference, wanted = both
         # the reference has one step more, at which the last action ends
         wanted = wanted[:-1]
         if control.multiplies:
@@ -852,7 +804,7 @@ class Episodes:
         kp, kd, lowest, limit = *gains, self._lowest, self._limit
         error, work, estimate = self._error, self._work, self._estimate
         # dq_ref - dq: the derivative of the error, as the last action left it
-        rate = (courses.rate - velocity).ravel()
+        rate = (self._rate - self.velocity).ravel()
         subtract(reference[0].ravel(), self.position.ravel(), error)
         # rows, filled in place
         torques, following = (
@@ -868,52 +820,50 @@ class Episodes:
             minimum(torque, limit, torque)
             subtract(after, self._hold(torque, done), error)
             rate = estimate(error)
-        courses.go_on()
+        self._go_on()
         # from the derivative of the error to a velocity: dq = dq_ref - D(error)
-        self.velocity = courses.rate - rate.reshape(before.shape)
-        self.torque = wanted[-1].copy()
-        self._note_series(wanted, before)
+        self.velocity = self._rate - rate.reshape(self.position.shape)
+        return wanted
 
     def _hold(self, torque: np.ndarray, done: int) -> np.ndarray:
         """Hold a torque [N m], (N n,), until the encoders are read again; the readings [rad], (N n,).
 
         An arm that diverged waits at its start until its next episode.
         """
-        arms, felt = self._arms, torque
+        simulators, felt, shape = self._simulators, torque, self.position.shape
         if self._networks:
             felt = torque.copy()
             for number, network in self._networks.items():
-                table = felt.reshape(self.q.shape)
-                step = self.courses.at[number] * self._timing.sub_steps + done
+                step = self.at[number] * self._timing.sub_steps + done
                 # felt by the arm: what was commanded is observed and rewarded
-                table[number] -= network.torque(step)
-        arms.hold(felt, self._chunk)
-        dq = arms.dq
+                felt.reshape(shape)[number] -= network.torque(step)
+        rows = felt.reshape(len(simulators), -1)
+        for simulator, row in zip(simulators, rows, strict=True):
+            simulator.step(row, self._chunk)
+        dq = self._joined(simulator.dq for simulator in simulators)
         # fast: no joint is faster than all together
         if not dq.dot(dq) <= SLOW:
-            speeds = np.abs(dq).reshape(self.q.shape).max(axis=1)
+            speeds = np.abs(dq).reshape(shape).max(axis=1)
             for number in np.flatnonzero(~(speeds <= FASTEST_OBSERVED)).tolist():
-                self._stop(number, done, torque.reshape(self.q.shape)[number])
-        reading = arms.read()
-        self.position = reading.reshape(self.q.shape)
+                self._stop(number, done, torque.reshape(shape)[number])
+        reading = self._joined(simulator.encoders() for simulator in simulators)
+        self.position = reading.reshape(shape)
         return reading
 
     def _stop(self, number: int, done: int, torque: np.ndarray) -> None:
         """Note what an arm had when it diverged, if this is the first time in the action, and park it."""
-        arms = self._arms
         if number not in self.diverged:
-            self.diverged[number] = _Diverged(
-                done,
-                torque.copy(),
-                self.position[number].copy(),
-                self.velocity[number].copy(),
-                *(arms.state(name)[number] for name in ("q", "dq", "applied")),
-            )
+            had = {"torque": torque, "position": self.position[number]}
+            had["velocity"] = self.velocity[number]
+            had |= {x: self._state(x)[number] for x in ("q", "dq", "applied")}
+            # copies: all of these go on
+            self.diverged[number] = done, {x: own.copy() for x, own in had.items()}
+        simulator, place = self._simulator(number)
         # a state that is no number would stay one until the next episode
-        arms.reset(number, self._home[number], np.zeros(len(torque)))
+        simulator.reset(self._home[number], number=place)
 
-    def _note_series(self, torque: np.ndarray, before: np.ndarray) -> None:
-        """Note the torque of an action's steps [N m], (S, N, n), and of the step before, (N, n)."""
+    def _note(self, torque: np.ndarray, before: np.ndarray) -> None:
+        """Note load and torque rate of an action, from the torque of its steps [N m], (S, N, n), and before, (N, n)."""
         share, jumps = self._series
         series = torque.transpose(1, 0, 2)
         np.divide(series, self._control.rated, share)
@@ -922,25 +872,14 @@ class Episodes:
         subtract(series[:, 1:], series[:, :-1], jumps[:, 1:])
         flat = self._series.reshape(2, len(share), -1)
         squares, changes = np.vecdot(flat, flat)
-        steps = self._steps_of(len(torque))
-        for number, end in self.diverged.items():
+        count = np.full(len(share), torque[:, 0].size)
+        for number, (done, _) in self.diverged.items():
             # what was commanded after it had diverged does not count
-            until = slice(0, end.done + 1)
-            steps[number] = end.done + 1
-            part, change = share[number, until], jumps[number, until]
-            squares[number] = np.vdot(part, part)
-            changes[number] = np.vdot(change, change)
-        self._note(squares, changes, steps)
-
-    def _steps_of(self, steps: int) -> Any:
-        """Steps of an action, of each arm if one of them may have done fewer: numpy takes longer for an array."""
-        return np.full(len(self.load), steps) if self.diverged else steps
-
-    def _note(self, squares: np.ndarray, jumps: np.ndarray, steps: Any) -> None:
-        """Note the sums over an action's steps of (tau / tau_rated)^2 [1] and of (change of tau)^2 [N^2 m^2], (N,)."""
-        count = steps * len(self._control.rated)
+            parts = self._series[:, number, : done + self._chunk].reshape(2, -1)
+            count[number] = len(parts[0])
+            squares[number], changes[number] = np.vecdot(parts, parts)
         self.load = squares / count
-        self.torque_rate = np.sqrt(jumps / count) / self._timing.dt
+        self.torque_rate = np.sqrt(changes / count) / self._timing.dt
 
 
 # One environment, and N of them in a process.
@@ -1136,7 +1075,7 @@ class ArmTracking(gymnasium.Env):
         info: dict[str, Any] = {name: float(x[0]) for name, x in values.items()}
         info |= early.get(0, {}) | episodes.truth(0)
         terminated = bool(early)
-        truncated = bool(episodes.courses.at[0] >= self.setup.timing.actions)
+        truncated = bool(episodes.at[0] >= self.setup.timing.actions)
         self._show(errors[0], info)
         # Gymnasium asks for a reset before the next step
         if terminated or truncated:
@@ -1298,7 +1237,7 @@ class VectorArmTracking(VectorEnv):
         early = {i: why for i, why in early.items() if not waiting[i]}
         terminated = np.zeros(self.num_envs, dtype=bool)
         terminated[list(early)] = True
-        truncated = (episodes.courses.at >= self.setup.timing.actions) & ~waiting
+        truncated = (episodes.at >= self.setup.timing.actions) & ~waiting
         ended = terminated | truncated
         # those that are reset in this step; their info is that of the new episode
         now = ended if self._mode == AutoresetMode.SAME_STEP else waiting

@@ -40,8 +40,8 @@ DATA_SHEET = {
     "encoder_step": 2 * np.pi / 2**17,
 }
 """Data sheet of the mystery arm; encoders of 17 bits per turn."""
-DURATION = 10.0
-"""Length of a recording [s]."""
+DURATION, RATE = 10.0, 250.0
+"""Length [s] and rate [Hz] of a recording."""
 FREQUENCIES = (0.1, 0.15, 0.2, 0.3)
 """Base frequencies of the recordings' motions [Hz]: slow and fast ones separate friction laws and delays."""
 VISIBLE = 0.03
@@ -173,11 +173,11 @@ def _reference(rng: np.random.Generator, arm: NominalArm, frequency: float) -> F
     )
 
 
-def _motion(references: list[Fourier], rate: float = 250.0) -> Motion:
+def _motion(references: list[Fourier]) -> Motion:
     """The references one after the other, as one motion."""
-    t = np.arange(int(DURATION * rate)) / rate
+    t = np.arange(int(DURATION * RATE)) / RATE
     q, dq, ddq = (
         np.concatenate([getattr(reference, name)(t) for reference in references])
         for name in ("position", "velocity", "acceleration")
     )
-    return Motion(np.arange(len(q)) / rate, q, dq, ddq)
+    return Motion(np.arange(len(q)) / RATE, q, dq, ddq)

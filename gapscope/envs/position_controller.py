@@ -247,15 +247,12 @@ def loop_inertia(
     return np.minimum(own, c * free)
 
 
-def stiffest_mode(
-    bandwidth: float, damping: float = DAMPING, late: int = LATE
-) -> float:
-    """Largest lambda [1] of a mode that is stable at ``GAIN_MARGIN`` times the gains with torque ``late`` periods late.
+def stiffest_mode(bandwidth: float, damping: float = DAMPING) -> float:
+    """Largest lambda [1] of a mode that is stable at ``GAIN_MARGIN`` times the gains with torque ``LATE`` periods late.
 
     Args:
         bandwidth: w / 2 pi [Hz].
         damping: zeta [1].
-        late: periods by which the torque is late.
 
     Raises:
         InputError: no inertia is stable at this bandwidth.
@@ -266,7 +263,7 @@ def stiffest_mode(
     def growth(log_factor: float) -> float:
         factor = np.exp(log_factor)
         sampled = pd_loop(Gains(factor * kp, factor * kd), 1.0 / RATE)
-        loop = sampled._replace(late=late)
+        loop = sampled._replace(late=LATE)
         return loop.spectral_radius(np.eye(1), np.zeros(1)) - 1.0
 
     # gains over the inertia from next to nothing to far beyond what any loop bears

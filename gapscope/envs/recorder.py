@@ -146,7 +146,7 @@ def record(
             if diverged(simulated.dq):
                 # backwards from the divergence
                 recent = targets.q[max(0, i - RECENT_TICKS) : i + 1][::-POSTURE_TICKS]
-                at_work, speed = simulated.effects, simulated.dq
+                at_work, speed = simulated.effects[0], simulated.dq
                 raise _diverged(arm, at_work, controller, recent, speed, float(t[i]))
             # the torque of this tick has been held: what arrived is told in its row
             if read_back:

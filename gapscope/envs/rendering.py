@@ -40,23 +40,32 @@ TRAIL = 60
 """Actions for which the error of the tool is shown."""
 
 
-class Scene:
-    """One episode, n joints; grows with every action, and is drawn seen in parallel from a fixed direction.
+MODES = ("human", "rgb_array")
+
+
+class Screen:
+    """Pictures of one environment's episodes, n joints; one grows with every action, seen from a fixed direction.
 
     Args:
-        title: robot and effects.
-        period: time between actions [s].
         kinematics: of the arm.
-        q_ref: reference at every action [rad], shape (K + 1, n).
+        mode: one of ``MODES``.
+        period: time between actions [s].
+
+    Raises:
+        InputError: unknown mode.
     """
 
-    def __init__(
-        self, title: str, period: float, kinematics: Kinematics, q_ref: np.ndarray
-    ) -> None:
-        self.title, self._period, self._kinematics = title, period, kinematics
-        self._q_ref = q_ref
-        self._colours = np.resize(JOINT_COLOURS, q_ref.shape[1]).tolist()
+    def __init__(self, kinematics: Kinematics, mode: str, period: float) -> None:
+        self._mode = check_known("render mode", mode, MODES, where="render_mode")
+        self._kinematics, self._period = kinematics, period
         self._q: list[np.ndarray] = []
+        self._viewer: WindowViewer | TerminalViewer | None = None
+
+    def begin(self, title: str, q_ref: np.ndarray) -> None:
+        """Begin an episode with its reference at every action [rad], shape (K + 1, n)."""
+        self.title, self._q_ref = title, q_ref
+        self._colours = np.resize(JOINT_COLOURS, q_ref.shape[1]).tolist()
+        self._q = []
         self._error: list[np.ndarray] = []
         ca, sa = np.cos(AZIMUTH), np.sin(AZIMUTH)
         ce, se = np.cos(ELEVATION), np.sin(ELEVATION)
@@ -76,13 +85,35 @@ class Scene:
         self._spans, self._shown = [0.1, 0.1], [0.0, 0.0]
 
     def add(
-        self, q: np.ndarray, error: np.ndarray, load: np.ndarray, ending: str
+        self, q: np.ndarray, error: np.ndarray, load: np.ndarray, ending: str = ""
     ) -> None:
-        """Add what an action came to; see ``Screen.add``."""
+        """Add what an action came to, and show it in mode ``human``.
+
+        Args:
+            q: true positions [rad], shape (n,).
+            error: reference minus encoders [rad], shape (n,).
+            load: commanded over rated torque [1], shape (n,).
+            ending: why the episode ends early, or nothing.
+        """
         self._q.append(np.array(q))
         self._error.append(np.array(error))
         self._load = np.array(load)
         self._ending.set_text(ending)
+        if self._mode == "human":
+            # opened at the first picture: whoever asks for none needs no display
+            if self._viewer is None:
+                self._viewer = open_viewer("Gapscope", self._period)
+            self._viewer.show(self.pixels(), self.caption())
+
+    def picture(self) -> np.ndarray | None:
+        """The picture now, in mode ``rgb_array``; nothing before the first episode."""
+        return self.pixels() if self._mode == "rgb_array" and self._q else None
+
+    def close(self) -> None:
+        """Close the window, if there is one; a second call does nothing."""
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
 
     def caption(self) -> str:
         """One line: what is seen, time and error."""
@@ -338,62 +369,3 @@ def open_viewer(title: str, period: float) -> WindowViewer | TerminalViewer:
         return WindowViewer(title, period)
     except ImportError:
         return TerminalViewer()
-
-
-MODES = ("human", "rgb_array")
-
-
-class Screen:
-    """Pictures of one environment's episodes.
-
-    Args:
-        kinematics: of the arm.
-        mode: ``human`` or ``rgb_array``.
-        period: time between actions [s].
-
-    Raises:
-        InputError: unknown mode.
-    """
-
-    def __init__(self, kinematics: Kinematics, mode: str, period: float) -> None:
-        self._mode = check_known("render mode", mode, MODES, where="render_mode")
-        self._kinematics, self._period = kinematics, period
-        self._scene: Scene | None = None
-        self._viewer: WindowViewer | TerminalViewer | None = None
-
-    def begin(self, title: str, q_ref: np.ndarray) -> None:
-        """Begin an episode with its reference at every action [rad], shape (K + 1, n)."""
-        self._scene = Scene(title, self._period, self._kinematics, q_ref)
-
-    def add(
-        self, q: np.ndarray, error: np.ndarray, load: np.ndarray, ending: str = ""
-    ) -> None:
-        """Add what an action came to, and show it in mode ``human``.
-
-        Args:
-            q: true positions [rad], shape (n,).
-            error: reference minus encoders [rad], shape (n,).
-            load: commanded over rated torque [1], shape (n,).
-            ending: why the episode ends early, or nothing.
-        """
-        scene = self._scene
-        if scene is None:
-            return
-        scene.add(q, error, load, ending)
-        if self._mode == "human":
-            # opened at the first picture: whoever asks for none needs no display
-            if self._viewer is None:
-                self._viewer = open_viewer("Gapscope", self._period)
-            self._viewer.show(scene.pixels(), scene.caption())
-
-    def picture(self) -> np.ndarray | None:
-        """The picture now, uint8, shape (height, width, 3), in mode ``rgb_array``; nothing before the first episode."""
-        if self._mode != "rgb_array" or self._scene is None:
-            return None
-        return self._scene.pixels()
-
-    def close(self) -> None:
-        """Close the window, if there is one; a second call does nothing."""
-        if self._viewer is not None:
-            self._viewer.close()
-            self._viewer = None

@@ -28,6 +28,7 @@ from gapscope.arm.velocity_filter import VelocityFilter, rule_of
 from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual import ResidualNetwork
+from gapscope.envs.drive.arm_drive import nominal_body
 from gapscope.envs.simulated_arm import (
     NetworkTorque,
     SimulatedArm,
@@ -147,9 +148,9 @@ def _simulated(
 ) -> SimulatedArm:
     """The arm with the known body that was mounted, in steps of dt [s]."""
     arm, effects = corrected.arm, corrected.effects
-    step = arm.encoder_step or 0.0
+    step, bodies = arm.encoder_step or 0.0, nominal_body(arm, recording.payload)
     return SimulatedArm(
-        arm, effects, dt, engine=engine, encoder_step=step, load=recording.payload
+        arm, effects, dt, engine=engine, encoder_step=step, nominal=bodies
     )
 
 

@@ -1,13 +1,12 @@
 """Simulated arms with effects: an engine that moves the bodies, and the drive physics that moves the engine.
 
-One arm is one of N arms. The torque of a residual network is taken off what it is commanded.
+The torque of a residual network is taken off what they are commanded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual import Memory, channels, channels_with
 from gapscope.envs.drive.arm_drive import ArmDrive, Encoders, nominal_body
+from gapscope.envs.drive.laws import Friction, TorquePath
 from gapscope.envs.drive.rigid_step import RigidStep
 from gapscope.envs.engines import make_bodies
 
@@ -44,253 +44,29 @@ def fastest(dq: np.ndarray) -> int:
     return int(np.argmax(np.where(np.isfinite(dq), np.abs(dq), np.inf)))
 
 
-class ArmsTogether:
-    """N simulated arms with effects that are stepped together, n joints in kinematic order.
+class SimulatedArm:
+    """N simulated arms with effects and encoders, n joints in the arm's order, in a world of their own; one by default.
 
     Springs beside the joints, forces from outside and laws that a user entered are computed one arm after the other;
     all other effects over all arms at once. Each arm does what it does alone, bit by bit. Arrays hold the joints of all
-    arms in a row, those of the first arm first, (N n,).
-
-    Args:
-        first: bodies and drives of all arms at first. Of several arms none has a motor of its own at a joint.
-        count: N; on PyBullet 1.
-        threads: on which MuJoCo steps them, see ``gapscope.envs.engines.mujoco.MuJoCoBodies``.
-        engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
-
-    Attributes:
-        q, dq: true positions [rad] and velocities [rad/s], shape (N n,); they keep their places.
-        applied: motor torque that reached the joints in the last step, before friction [N m], shape (N n,); not to be
-            changed.
-        motors: with positions and velocities of their own, of one arm; ``None`` if all joints are rigid.
-        motor_q: true positions of the motors [rad], joint side, shape (N n,), which keep their places; ``q`` itself if
-            all joints are rigid.
-
-    Raises:
-        InputError: an engine that is not installed.
-    """
-
-    def __init__(
-        self,
-        first: ArmDrive,
-        count: int = 1,
-        threads: int = 0,
-        engine: str | None = "mujoco",
-    ) -> None:
-        self._h, self._parts = first.h, first.parts
-        # a single arm may be on PyBullet, which knows neither
-        several = {"count": count, "threads": threads} if count > 1 else {}
-        self._bodies = make_bodies(engine, first.body, first.h, **several)
-        self._step = RigidStep(self._bodies, self._h)
-        self.q, self.dq = self._step.q, self._step.dq
-        self.applied = np.zeros(self.q.size)
-        self._shape = count, len(first.rigid)
-        self.motors = None if first.rigid.all() else first.motors
-        self.motor_q = self.q if self.motors is None else self.motors.position
-        self._rigid = first.rigid
-        self._drives = [first] * count
-        self._friction = first.friction.beside(count)
-        self._path = first.path.beside(count)
-        self._count, self._begun = 0, np.zeros(self.q.size, dtype=int)
-        self._drifts_at = 0
-        self._start = np.zeros(self.q.size)
-        for number in range(count):
-            self._enter(number, first)
-
-    def put(self, number: int, drive: ArmDrive) -> None:
-        """Give an arm, numbered from 0, other effects; ``reset`` has to follow."""
-        # bodies that were and stay the nominal ones need not be written again
-        if drive.altered or self._drives[number].altered:
-            self._bodies.set_bodies(number, drive.body)
-        self._friction.put(number, drive.friction)
-        self._path.put(number, drive.path)
-        self._drives[number] = drive
-        self._enter(number, drive)
-
-    def _enter(self, number: int, drive: ArmDrive) -> None:
-        """Take over what follows from the effects of an arm."""
-        self._step.put(number, drive)
-        # one arm with friction takes all of them through the drive's step
-        self._direct = all(drive.direct for drive in self._drives)
-        self._loaded = [i for i, one in enumerate(self._drives) if one.loads.present]
-
-    def reset(
-        self, number: int, q: np.ndarray, dq: np.ndarray, time: float = 0.0
-    ) -> None:
-        """Put an arm at true positions q [rad] with velocities dq [rad/s], each (n,), and forget its past.
-
-        Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
-        """
-        n, friction = len(q), self._friction
-        rows = slice(number * n, (number + 1) * n)
-        # arms begin at different steps of one count
-        self._start[rows], self._begun[rows] = time, self._count
-        # whatever was due, drift is looked at in the next step
-        self._drifts_at = self._count
-        self._bodies.reset(number, q, dq)
-        if friction.drifting:
-            own = np.zeros(self.q.size, dtype=bool)
-            own[rows] = True
-            friction.drift(time, where=own)
-        self._step.reset(number, self._viscous())
-        if self.motors is not None:
-            self.motors.reset(q, dq, self.weight(number, q, dq, time))
-        self._path.reset(rows)
-        # the torque held before may be the commander's own
-        self.applied = self.applied.copy()
-        self.applied[rows] = 0.0
-
-    def start(
-        self,
-        number: int,
-        encoders: Encoders,
-        reading: np.ndarray,
-        dq: np.ndarray,
-        time: float = 0.0,
-    ) -> None:
-        """Put an arm where its encoders, but for rounding and noise, read ``reading`` [rad], with dq [rad/s].
-
-        Both are of shape (n,), in the order of the data sheet.
-        """
-        body, seen = self._drives[number].body, encoders.undone(reading)
-        q = seen
-        if self.motors is not None and encoders.on_motor:
-            still = np.zeros(len(q))
-            # the motor leads its link by what the weight bends, which depends on where the link is
-            for _ in range(START_TRIALS):
-                load = self.weight(number, q[body.order], still, time)
-                deflection = self.motors.deflection(load)[body.places]
-                # half of the way: the whole may swing where the weight changes
-                q = 0.5 * q + 0.5 * (seen - deflection)
-        self.reset(number, q[body.order], dq[body.order], time)
-
-    def weight(
-        self, number: int, q: np.ndarray, dq: np.ndarray, time: float
-    ) -> np.ndarray:
-        """Torque [N m] that holds the links of an arm up at a constant velocity, shape (n,)."""
-        drive = self._drives[number]
-        places, order = drive.body.places, drive.body.order
-        held = drive.body.bias(q[places], dq[places])[order]
-        if not drive.loads.present:
-            return held
-        # what a spring or a force carries, the motors need not
-        return held - drive.loads(time, q, dq, held)
-
-    @property
-    def time(self) -> np.ndarray:
-        """Time since the start of the recording [s], shape (N n,); drift and external force go by it."""
-        return self._start + (self._count - self._begun) * self._h
-
-    def hold(self, torque: np.ndarray, steps: int = 1) -> None:
-        """Hold the commanded torque [N m], shape (N n,), which is not to be changed then, for so many time steps."""
-        path, friction = self._path, self._friction
-        count = steps * self._parts
-        # a held command gives one torque for all steps
-        if path.constant:
-            self.applied = path(torque)
-            # the engine makes all steps on its own
-            if self._direct:
-                self._bodies.run(self.applied, count)
-                self._count += count
-                return
-            # friction by load follows the torque that arrives
-            friction.load(self.applied)
-        for step in range(count):
-            if not path.constant:
-                self._send(torque, first=step == 0)
-            elif friction.drifting:
-                self._drift()
-            self._advance()
-            self._count += 1
-
-    def _send(self, command: np.ndarray, first: bool) -> None:
-        """Torque of a step of which some changes on its way to the joints; ``first`` of those of a command."""
-        path, friction, motors = self._path, self._friction, self.motors
-        position = self.q if motors is None else motors.position
-        velocity = self.dq if motors is None else motors.velocity
-        self.applied = path(command, position, velocity)
-        if not friction.drifting:
-            friction.load(self.applied)
-            return
-        # a torque that is held was taken over before friction drifted on
-        if first:
-            friction.load(self.applied, where=~path.changing)
-        self._drift()
-        friction.load(self.applied, where=path.changing)
-
-    def _advance(self) -> None:
-        """One step of all arms."""
-        torque, motors = self.applied, self.motors
-        if motors is not None:
-            # friction and rotors act on the motors, not on the links
-            limit = self._friction.limit(motors.velocity)
-            through = motors.torque(self.q, self.dq)
-            on_links = np.where(self._rigid, torque, through)
-            if self._loaded:
-                on_links += self._load(0, through)
-            self._step.advance(on_links, limit * self._rigid)
-            motors.step(torque, through, limit, self._friction.viscous, self._h)
-            motors.follow(self.q, self.dq)
-            return
-        if self._loaded:
-            # what has arrived is told without what acts beside it
-            torque = torque.copy()
-            for number in self._loaded:
-                n = self._shape[1]
-                rows = slice(number * n, (number + 1) * n)
-                torque[rows] += self._load(number, self.applied[rows])
-        self._step.advance(torque, self._friction.limit(self.dq))
-
-    def _load(self, number: int, through: np.ndarray) -> np.ndarray:
-        """What acts on the links of an arm besides gravity and its drives [N m], shape (n,)."""
-        time = float(self.time[number * self._shape[1]])
-        q, dq = (x.reshape(self._shape)[number].copy() for x in (self.q, self.dq))
-        return self._drives[number].loads(time, q, dq, through)
-
-    def _viscous(self) -> np.ndarray:
-        """Viscous friction of the joints without a motor of their own [N m s/rad], shape (N n,)."""
-        viscous = self._friction.viscous
-        return viscous if self.motors is None else viscous * self._rigid
-
-    def _drift(self) -> None:
-        """Bring the drift of friction up to date in the arms in which that is due."""
-        if self._count < self._drifts_at:
-            return
-        steps, every = self._count - self._begun, self._friction.every
-        since = steps % every
-        # when the first of the arms is due again
-        self._drifts_at = self._count + every - int(since.max())
-        self._friction.drift(self._start + steps * self._h, where=since == 0)
-        self._step.set_viscous(self._viscous())
-
-    def close(self) -> None:
-        """Free the engine's world; a second call does nothing."""
-        self._bodies.close()
-
-
-class SimulatedArms:
-    """N simulated arms with effects and encoders, n joints in the arm's order; one arm is one of N.
-
-    Each arm does what it does alone, bit by bit. Arrays that are handed in and out at every step hold the joints of all
-    arms in a row, (N n,).
+    arms in a row, those of the first arm first, (N n,); what is handed out may be kept.
 
     Args:
         arm: the nominal arm; its armature and friction are simulated too.
-        effects: what all simulated arms have beyond them at first.
+        effects: what all arms have beyond it at first.
         dt: time step [s] in which torque is held; stiff joints divide it further.
-        count: N.
+        count: N; several need MuJoCo, and joints without motors of their own.
         engine: ``pybullet`` or ``mujoco``; by default PyBullet if it is installed, else MuJoCo.
         encoder_step: quantisation of the encoders [rad]; none by default.
         encoder_noise: standard deviation of white noise of the encoders [rad], a number or shape (n,).
-        load: known body on the last link, beyond the effects.
-        together: whether several arms are stepped by one simulator, which needs MuJoCo and rigid joints; otherwise each
-            has one of its own.
-        threads: on which MuJoCo steps them, see ``gapscope.envs.engines.mujoco``.
+        rng: source of that noise.
+        nominal: its rigid bodies with a known load, as ``nominal_body`` gives them; those of ``arm`` alone by default.
+        threads: on which MuJoCo steps several arms, see ``gapscope.envs.engines.mujoco.MuJoCoBodies``.
 
     Attributes:
-        nominal: nominal rigid bodies with the known load.
-        effects, drives: of each arm.
-        simulators: what steps them, joints in kinematic order: one for all arms, or one for each.
-        q, dq, motor_q: as of ``ArmsTogether``, of all arms; not to be kept.
+        effects: of each arm.
+        rngs: source of noise of each arm's encoders, or ``None``.
+        motors: with positions and velocities of their own, of one arm; ``None`` if all joints are rigid.
 
     Raises:
         InputError: an effect on a joint that does not exist, armature or friction that is negative in total, an arm
@@ -308,185 +84,27 @@ class SimulatedArms:
         engine: str | None = None,
         encoder_step: float = 0.0,
         encoder_noise: np.ndarray | float = 0.0,
-        load: KnownLoad | None = None,
-        together: bool = False,
+        rng: np.random.Generator | None = None,
+        nominal: RigidBody | None = None,
         threads: int = 0,
     ) -> None:
-        self.nominal = nominal_body(arm, load)
         self.arm, self.dt = arm, dt
+        self.nominal = nominal_body(arm) if nominal is None else nominal
         self._shape = count, arm.n_joints
-        self._engine, self._together = engine, together
-        self.effects = [effects] * count
-        own = 1 if together else count
-        # a drive has a state, as of its motors: no two simulators share one
-        drives = [self._drive(effects) for _ in range(own)]
-        each = count // own, threads, engine
-        self.simulators = [ArmsTogether(drive, *each) for drive in drives]
-        self._single = own == 1
-        self.drives = drives * each[0]
-        first = arm.n_joints * np.arange(count)[:, None]
+        n = arm.n_joints
+        # a single arm may be on PyBullet, which knows neither
+        self._several = {"count": count, "threads": threads} if count > 1 else {}
+        self._engine, self._encoder_step = engine, encoder_step
+        self._noise, self._noisy = encoder_noise, bool(np.any(encoder_noise))
+        self.effects, self.rngs = [effects] * count, [rng] * count
         # places of the joints of all arms in the rows of the engine, and back
+        rows = n * np.arange(count)[:, None]
         order, places = self.nominal.order, self.nominal.places
-        self._order, self._places = (first + order).ravel(), (first + places).ravel()
-        self._ordered = bool((order == np.arange(arm.n_joints)).all())
-        self._encoder_step = encoder_step
-        encoders = Encoders(drives[0].corrected, encoder_step)
-        self._encoders, self._readings = [encoders] * count, encoders.beside(count)
-        self._on_motor = encoders.on_motor
-        self._noise, self._noisy = encoder_noise, False
-        self._rngs: list[np.random.Generator | None] = [None] * count
-        self._take()
-
-    def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
-        """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
-        drive = ArmDrive(self.arm, effects, self.dt, self.nominal)
-        flexible = not drive.rigid.all() or drive.parts > 1
-        if self._together and (flexible or drive.coupled.present):
-            names = ", ".join(applied.name for applied in effects)
-            raise InputError(
-                f"motors of their own, coupled motors and stiff springs are not stepped together ({names})",
-                "give them when the environments are made, or take vectorization_mode='sync'",
-                where="effects",
-            )
-        return drive
-
-    def _of(self, number: int) -> tuple[ArmsTogether, int]:
-        """The simulator of an arm, and the arm's number in it."""
-        if self._single:
-            return self.simulators[0], number
-        return self.simulators[number], 0
-
-    def put(self, number: int, effects: tuple[AppliedEffect, ...]) -> None:
-        """Give an arm, numbered from 0, other effects; ``reset`` or ``start`` has to follow.
-
-        Raises:
-            InputError: they cannot be simulated, or not together with the other arms.
-        """
-        # the very same record, as at most resets: nothing is built anew
-        if effects is self.effects[number]:
-            return
-        drive = self._drive(effects)
-        if self._together:
-            self.simulators[0].put(number, drive)
-        else:
-            # made first: if that fails, the one before still stands
-            made = ArmsTogether(drive, engine=self._engine)
-            self.simulators[number].close()
-            self.simulators[number] = made
-        self.drives[number], self.effects[number] = drive, effects
-        self._encoders[number] = Encoders(drive.corrected, self._encoder_step)
-        self._readings.put(number, self._encoders[number])
-        self._take()
-
-    def draw_noise_from(self, number: int, rng: np.random.Generator | None) -> None:
-        """Give the encoders of an arm, numbered from 0, a source of noise."""
-        # without noise nothing is drawn at a reading
-        self._rngs[number] = rng if np.any(self._noise) else None
-        self._noisy = any(one is not None for one in self._rngs)
-
-    def reset(
-        self, number: int, q: np.ndarray, dq: np.ndarray, time: float = 0.0
-    ) -> None:
-        """Put an arm at true positions q [rad] with velocities dq [rad/s], each (n,), and forget its past.
-
-        Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
-        """
-        simulator, place = self._of(number)
-        order = self.nominal.order
-        simulator.reset(place, q[order], dq[order], time)
-        self._take()
-
-    def start(
-        self, number: int, reading: np.ndarray, dq: np.ndarray, time: float = 0.0
-    ) -> None:
-        """Put an arm where its encoders, but for rounding and noise, read ``reading`` [rad], with dq [rad/s], (n,)."""
-        simulator, place = self._of(number)
-        simulator.start(place, self._encoders[number], reading, dq, time)
-        self._take()
-
-    def hold(self, torque: np.ndarray, steps: int = 1) -> None:
-        """Hold the commanded torque [N m], (N n,), which is not to be changed then, for so many time steps."""
-        inside = torque if self._ordered else torque[self._order]
-        if self._single:
-            self.simulators[0].hold(inside, steps)
-            return
-        rows = inside.reshape(len(self.simulators), -1)
-        for simulator, row in zip(self.simulators, rows, strict=True):
-            simulator.hold(row, steps)
-        # put together from several simulators, they are other arrays after each step
-        self._take()
-
-    def inside(self, name: str) -> np.ndarray:
-        """An attribute of ``ArmsTogether`` for all arms, (N n,), joints in kinematic order; not to be kept."""
-        own: list[np.ndarray] = [getattr(one, name) for one in self.simulators]
-        return own[0] if len(own) == 1 else np.concatenate(own)
-
-    def _take(self) -> None:
-        """Take what is asked for at every step; arrays of a single simulator keep their places."""
-        self.q, self.dq, self.motor_q = map(self.inside, ("q", "dq", "motor_q"))
-
-    def state(self, name: str) -> np.ndarray:
-        """A copy of the same by arms and in the arm's order, (N, n)."""
-        values = self.inside(name)
-        own = values.copy() if self._ordered else values[self._places]
-        return own.reshape(self._shape)
-
-    def read(self) -> np.ndarray:
-        """Positions as the encoders read them [rad], shape (N n,); each call draws its own noise."""
-        noise = None
-        if self._noisy:
-            noise = np.concatenate([self._drawn(arm) for arm in range(self._shape[0])])
-        # a reading is an array of its own, so that nothing is copied here
-        seen = self.motor_q if self._on_motor else self.q
-        return self._readings(seen if self._ordered else seen[self._places], noise)
-
-    def read_one(self, number: int) -> np.ndarray:
-        """Positions as the encoders of one arm read them [rad], shape (n,)."""
-        seen = self.state("motor_q" if self._on_motor else "q")
-        noise = None if self._rngs[number] is None else self._drawn(number)
-        return self._encoders[number](seen[number], noise)
-
-    def _drawn(self, number: int) -> np.ndarray:
-        """Noise of an arm [rad], shape (n,)."""
-        rng, n = self._rngs[number], self._shape[1]
-        return np.zeros(n) if rng is None else self._noise * rng.standard_normal(n)
-
-    def close(self) -> None:
-        """Free the engines' worlds; a second call does nothing."""
-        for simulator in self.simulators:
-            simulator.close()
-
-
-class SimulatedArm:
-    """One simulated arm with effects, n joints in the arm's order, in a world of its own.
-
-    Args:
-        arm, effects, dt, options: as of ``SimulatedArms``.
-        rng: source of the encoders' noise.
-
-    Attributes:
-        body: the rigid bodies with its load, payload, link errors and tilt.
-        parts: into how many parts a step is divided.
-
-    Raises:
-        InputError: as ``SimulatedArms``.
-    """
-
-    def __init__(
-        self,
-        arm: NominalArm,
-        effects: tuple[AppliedEffect, ...] = (),
-        dt: float = 1e-3,
-        *,
-        rng: np.random.Generator | None = None,
-        **options: Any,
-    ) -> None:
-        self.arm, self.dt = arm, dt
-        self._arms = SimulatedArms(arm, effects, dt, **options)
-        self._arms.draw_noise_from(0, rng)
-        drive = self._arms.drives[0]
-        self.body, self.parts = drive.body, drive.parts
-        self.reset(np.zeros(arm.n_joints))
+        self._order, self._places = (rows + order).ravel(), (rows + places).ravel()
+        self._ordered = bool((order == np.arange(n)).all())
+        self._build(self._drive(effects))
+        for number in range(count):
+            self.reset(np.zeros(n), number=number)
 
     def __enter__(self) -> SimulatedArm:
         """Use as a context that closes the world at its end."""
@@ -498,70 +116,285 @@ class SimulatedArm:
 
     def close(self) -> None:
         """Free the engine's world; a second call does nothing."""
-        self._arms.close()
+        self._bodies.close()
+
+    def _drive(self, effects: tuple[AppliedEffect, ...]) -> ArmDrive:
+        """The drives and bodies of an arm with effects; raises ``InputError`` if they cannot be simulated."""
+        drive = ArmDrive(self.arm, effects, self.dt, self.nominal)
+        flexible = not drive.rigid.all() or drive.parts > 1
+        if self._several and (flexible or drive.coupled.present):
+            names = ", ".join(applied.name for applied in effects)
+            raise InputError(
+                f"motors of their own, coupled motors and stiff springs are not stepped together ({names})",
+                "give them when the environments are made, or take vectorization_mode='sync'",
+                where="effects",
+            )
+        return drive
+
+    def _build(self, drive: ArmDrive) -> None:
+        """Have all arms stepped with the same drive."""
+        count = len(self.effects)
+        self._h, self._parts, self._rigid = drive.h, drive.parts, drive.rigid
+        self._bodies = make_bodies(self._engine, drive.body, drive.h, **self._several)
+        self._step = RigidStep(self._bodies, drive.h)
+        # in kinematic order; they keep their places
+        self._q, self._dq = self._step.q, self._step.dq
+        # motor torque that reached the joints in the last step, before friction
+        self._applied = np.zeros(self._q.size)
+        self.motors = None if drive.rigid.all() else drive.motors
+        self._motor_q = self._q if self.motors is None else self.motors.position
+        # with the joints of all arms one after the other
+        order = np.tile(self.nominal.order, count)
+        self._friction = Friction(drive.corrected, order, drive.h)
+        self._path = TorquePath(drive.corrected, order, drive.h)
+        self._count, self._begun = 0, np.zeros(self._q.size, dtype=int)
+        self._drifts_at = 0
+        self._start = np.zeros(self._q.size)
+        encoders = self._encoders_of(drive)
+        self._encoders = [encoders] * count
+        # in the arm's own order
+        order = np.tile(np.arange(self._shape[1]), count)
+        self._readings = Encoders(drive.corrected, order, self._encoder_step)
+        self._seen = self._motor_q if encoders.on_motor else self._q
+        self._drives = [drive] * count
+        for number in range(count):
+            self._enter(number, drive)
+
+    def _encoders_of(self, drive: ArmDrive) -> Encoders:
+        order = np.arange(self._shape[1])
+        return Encoders(drive.corrected, order, self._encoder_step)
+
+    def _enter(self, number: int, drive: ArmDrive) -> None:
+        """Take over what follows from the effects of an arm."""
+        self._step.put(number, drive)
+        # one arm with friction takes all of them through the drive's step
+        self._direct = all(drive.direct for drive in self._drives)
+        self._loaded = [i for i, one in enumerate(self._drives) if one.loads.present]
+
+    def put(self, effects: tuple[AppliedEffect, ...], number: int = 0) -> None:
+        """Give an arm, numbered from 0, other effects; ``reset`` or ``start`` has to follow.
+
+        Raises:
+            InputError: they cannot be simulated, or not together with the other arms.
+        """
+        # the very same record, as at most resets: nothing is built anew
+        if effects is self.effects[number]:
+            return
+        drive = self._drive(effects)
+        if not self._several:
+            # made first: if that fails, the one before still stands
+            before = self._bodies
+            self._build(drive)
+            before.close()
+        else:
+            # bodies that were and stay the nominal ones need not be written again
+            if drive.altered or self._drives[number].altered:
+                self._bodies.set_bodies(number, drive.body)
+            self._friction.put(number, drive.friction)
+            self._path.put(number, drive.path)
+            self._drives[number] = drive
+            self._enter(number, drive)
+            self._encoders[number] = self._encoders_of(drive)
+            self._readings.put(number, self._encoders[number])
+        self.effects[number] = effects
+
+    def become(self, effects: tuple[AppliedEffect, ...], time: float) -> None:
+        """Have other effects from a time [s] on: position and velocity of the arm go on, states of effects do not."""
+        # the true state, not what the encoders make of it
+        q, dq = self.q, self.dq
+        self.put(effects)
+        self.reset(q, dq, time)
 
     def reset(
-        self, q: np.ndarray, dq: np.ndarray | float = 0.0, time: float = 0.0
+        self,
+        q: np.ndarray,
+        dq: np.ndarray | float = 0.0,
+        time: float = 0.0,
+        number: int = 0,
     ) -> None:
-        """Put the arm at true positions q [rad] with velocities dq [rad/s], and forget past torque.
+        """Put an arm at true positions q [rad] with velocities dq [rad/s], each (n,), and forget its past.
 
         Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
         """
-        true = np.asarray(q, dtype=float)
-        self._arms.reset(0, true, np.zeros_like(true) + dq, time)
-
-    @property
-    def effects(self) -> tuple[AppliedEffect, ...]:
-        """What it has beyond the nominal arm."""
-        return self._arms.effects[0]
-
-    def become(self, effects: tuple[AppliedEffect, ...], time: float) -> None:
-        """Have other effects from a time [s] on: position and velocity continue, states of effects are forgotten."""
-        # the true state, not what the encoders make of it
-        q, dq = self.q, self.dq
-        self._arms.put(0, effects)
-        self.reset(q, dq, time)
+        n, friction, order = len(q), self._friction, self.nominal.order
+        q, dq = q[order], (np.zeros(n) + dq)[order]
+        rows = slice(number * n, (number + 1) * n)
+        # arms begin at different steps of one count
+        self._start[rows], self._begun[rows] = time, self._count
+        # whatever was due, drift is looked at in the next step
+        self._drifts_at = self._count
+        self._bodies.reset(number, q, dq)
+        if friction.drifting:
+            own = np.zeros(self._q.size, dtype=bool)
+            own[rows] = True
+            friction.drift(time, where=own)
+        self._step.reset(number, self._viscous())
+        if self.motors is not None:
+            self.motors.reset(q, dq, self._weight(number, q, dq, time))
+        self._path.reset(rows)
+        # the torque held before may be the commander's own
+        self._applied = self._applied.copy()
+        self._applied[rows] = 0.0
 
     def start(
-        self, reading: np.ndarray, dq: np.ndarray | float = 0.0, time: float = 0.0
+        self,
+        reading: np.ndarray,
+        dq: np.ndarray | float = 0.0,
+        time: float = 0.0,
+        number: int = 0,
     ) -> None:
-        """Put the arm where its encoders, but for rounding and noise, read ``reading`` [rad], shape (n,)."""
-        seen = np.asarray(reading, dtype=float)
-        self._arms.start(0, seen, np.zeros_like(seen) + dq, time)
+        """Put an arm where its encoders, but for rounding and noise, read ``reading`` [rad], with dq [rad/s], (n,)."""
+        encoders, order = self._encoders[number], self.nominal.order
+        q = seen = encoders.undone(reading)
+        if self.motors is not None and encoders.on_motor:
+            still = np.zeros(len(q))
+            # the motor leads its link by what the weight bends, which depends on where the link is
+            for _ in range(START_TRIALS):
+                load = self._weight(number, q[order], still, time)
+                deflection = self.motors.deflection(load)[self.nominal.places]
+                # half of the way: the whole may swing where the weight changes
+                q = 0.5 * q + 0.5 * (seen - deflection)
+        self.reset(q, dq, time, number)
+
+    def _weight(
+        self, number: int, q: np.ndarray, dq: np.ndarray, time: float
+    ) -> np.ndarray:
+        """Torque [N m] that holds the links of an arm up at a constant velocity, shape (n,), in kinematic order."""
+        drive, places = self._drives[number], self.nominal.places
+        held = drive.body.bias(q[places], dq[places])[self.nominal.order]
+        if not drive.loads.present:
+            return held
+        # what a spring or a force carries, the motors need not
+        return held - drive.loads(time, q, dq, held)
+
+    def _in_order(self, values: np.ndarray) -> np.ndarray:
+        """A copy of values in kinematic order in that of the arm, (N n,)."""
+        return values.copy() if self._ordered else values[self._places]
+
+    @property
+    def body(self) -> RigidBody:
+        """The rigid bodies of the first arm with its load, payload, link errors and tilt."""
+        return self._drives[0].body
 
     @property
     def q(self) -> np.ndarray:
-        """True joint positions [rad], shape (n,)."""
-        return self._arms.state("q")[0]
+        """True joint positions [rad], shape (N n,)."""
+        return self._in_order(self._q)
 
     @property
     def dq(self) -> np.ndarray:
-        """True joint velocities [rad/s], shape (n,)."""
-        return self._arms.state("dq")[0]
+        """True joint velocities [rad/s], shape (N n,)."""
+        return self._in_order(self._dq)
 
     @property
     def motor_q(self) -> np.ndarray:
-        """True positions of the motors [rad], joint side, shape (n,); those of rigid joints are the joints'."""
-        return self._arms.state("motor_q")[0]
+        """True positions of the motors [rad], joint side, shape (N n,); those of rigid joints are the joints'."""
+        return self._in_order(self._motor_q)
 
     @property
     def applied(self) -> np.ndarray:
-        """Motor torque that reached the joints in the last step, before friction [N m], shape (n,)."""
-        return self._arms.state("applied")[0]
+        """Motor torque that reached the joints in the last step, before friction [N m], shape (N n,)."""
+        return self._in_order(self._applied)
 
-    @property
-    def time(self) -> float:
-        """Time since the start of the recording [s]; drift and external force go by it."""
-        return float(self._arms.inside("time")[0])
+    def encoders(self, number: int | None = None) -> np.ndarray:
+        """Positions as the encoders read them [rad], (N n,) or, of one arm, (n,); each call draws its own noise."""
+        seen, noise = self._seen, None
+        arms = range(self._shape[0]) if number is None else (number,)
+        if self._noisy:
+            noise = np.concatenate([self._drawn(arm) for arm in arms])
+        # a reading is an array of its own, so that nothing is copied here
+        seen = seen if self._ordered else seen[self._places]
+        if number is None:
+            return self._readings(seen, noise)
+        return self._encoders[number](seen.reshape(self._shape)[number], noise)
 
-    def encoders(self) -> np.ndarray:
-        """Positions as the encoders read them [rad], shape (n,); each call draws its own noise."""
-        return self._arms.read()
+    def _drawn(self, number: int) -> np.ndarray:
+        """Noise of an arm [rad], shape (n,)."""
+        rng, n = self.rngs[number], self._shape[1]
+        return np.zeros(n) if rng is None else self._noise * rng.standard_normal(n)
 
     def step(self, torque: np.ndarray, steps: int = 1) -> None:
-        """Hold the commanded torque [N m], shape (n,), for ``steps`` time steps."""
+        """Hold the commanded torque [N m], shape (N n,), for so many time steps."""
         # a copy: it is held, whatever becomes of the array
-        self._arms.hold(np.array(torque, dtype=float), steps)
+        torque = torque.copy() if self._ordered else torque[self._order]
+        path, friction = self._path, self._friction
+        count = steps * self._parts
+        # a held command gives one torque for all steps
+        if path.constant:
+            self._applied = path(torque)
+            # the engine makes all steps on its own
+            if self._direct:
+                self._bodies.run(self._applied, count)
+                self._count += count
+                return
+            # friction by load follows the torque that arrives
+            friction.load(self._applied)
+        for step in range(count):
+            if not path.constant:
+                self._send(torque, first=step == 0)
+            elif friction.drifting:
+                self._drift()
+            self._advance()
+            self._count += 1
+
+    def _send(self, command: np.ndarray, first: bool) -> None:
+        """Torque of a step of which some changes on its way to the joints; ``first`` of those of a command."""
+        path, friction, motors = self._path, self._friction, self.motors
+        velocity = self._dq if motors is None else motors.velocity
+        self._applied = path(command, self._motor_q, velocity)
+        if not friction.drifting:
+            friction.load(self._applied)
+            return
+        # a torque that is held was taken over before friction drifted on
+        if first:
+            friction.load(self._applied, where=~path.changing)
+        self._drift()
+        friction.load(self._applied, where=path.changing)
+
+    def _advance(self) -> None:
+        """One step of all arms."""
+        torque, motors = self._applied, self.motors
+        if motors is not None:
+            # friction and rotors act on the motors, not on the links
+            limit = self._friction.limit(motors.velocity)
+            through = motors.torque(self._q, self._dq)
+            on_links = np.where(self._rigid, torque, through)
+            if self._loaded:
+                on_links += self._load(0, through)
+            self._step.advance(on_links, limit * self._rigid)
+            motors.step(torque, through, limit, self._friction.viscous, self._h)
+            motors.follow(self._q, self._dq)
+            return
+        if self._loaded:
+            # what has arrived is told without what acts beside it
+            torque = torque.copy()
+            for number in self._loaded:
+                rows = slice(number * self._shape[1], (number + 1) * self._shape[1])
+                torque[rows] += self._load(number, self._applied[rows])
+        self._step.advance(torque, self._friction.limit(self._dq))
+
+    def _load(self, number: int, through: np.ndarray) -> np.ndarray:
+        """What acts on the links of an arm besides gravity and its drives [N m], shape (n,)."""
+        place = number * self._shape[1]
+        time = self._start[place] + (self._count - self._begun[place]) * self._h
+        q, dq = (x.reshape(self._shape)[number].copy() for x in (self._q, self._dq))
+        return self._drives[number].loads(float(time), q, dq, through)
+
+    def _viscous(self) -> np.ndarray:
+        """Viscous friction of the joints without a motor of their own [N m s/rad], shape (N n,)."""
+        viscous = self._friction.viscous
+        return viscous if self.motors is None else viscous * self._rigid
+
+    def _drift(self) -> None:
+        """Bring the drift of friction up to date in the arms in which that is due."""
+        if self._count < self._drifts_at:
+            return
+        steps, every = self._count - self._begun, self._friction.every
+        since = steps % every
+        # when the first of the arms is due again
+        self._drifts_at = self._count + every - int(since.max())
+        self._friction.drift(self._start + steps * self._h, where=since == 0)
+        self._step.set_viscous(self._viscous())
 
 
 def closed_loop(

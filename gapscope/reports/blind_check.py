@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
-from gapscope.blind_check.scoring import Scored
+from gapscope.blind_check.scoring import Compared
 from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
 
 # The truth of a set of cases in lines of text, to look at the generator.
@@ -265,7 +265,9 @@ FIGURES = {
 """Figures by name, each with its title, its maker and its height [pixels]."""
 
 
-def write_score(scored: Scored, folder: Path) -> tuple[Path, ...]:
+def write_score(
+    figures: dict[str, Any], cases: Iterable[Compared], folder: Path
+) -> tuple[Path, ...]:
     """Write the figures, the tables and the pictures; each file whole or not at all.
 
     Returns:
@@ -277,15 +279,15 @@ def write_score(scored: Scored, folder: Path) -> tuple[Path, ...]:
     document, text, page = (
         folder / f"score.{ending}" for ending in ("json", "md", "html")
     )
-    verdicts = [asdict(case) for case in scored.cases]
-    write_json({**scored.figures, "verdicts": verdicts}, document)
-    shown = tables(scored.figures)
+    verdicts = [asdict(case) for case in cases]
+    write_json({**figures, "verdicts": verdicts}, document)
+    shown = tables(figures)
     with atomic_write(text) as aside:
         content = "\n".join(table.markdown() for table in shown)
         aside.write_text(f"# Blind check\n\n{content}", encoding="utf-8")
     sections = [*shown]
     for name, (title, make_figure, height) in FIGURES.items():
-        figure = figure_html(make_figure(scored.figures), name, height)
+        figure = figure_html(make_figure(figures), name, height)
         sections.append(PageSection(title=title, figure=figure))
     # the script of lines and bars draws no maps of colours
     write_plot_page(page, "Blind check", "", sections, whole=True)

@@ -186,7 +186,7 @@ def test_a_set_is_run_resumed_and_scored(
     assert run(cases, results, progress=again.append) == 0
     assert len(again) == 1 and "case0001" in again[0]
 
-    figures = score(cases, results, vault, baselines=True).figures
+    figures, _ = score(cases, results, vault, baselines=True)
     assert figures["cases"] == 3 and figures["failed"] == []
     assert (
         figures["frozen"]["complete"]
@@ -201,7 +201,7 @@ def test_a_set_is_run_resumed_and_scored(
 
     file = results / "case0002" / "diagnosis.json"
     file.write_text(file.read_text().replace("0", "1", 1))
-    assert score(cases, results, vault, baselines=False).figures["frozen"][
+    assert score(cases, results, vault, baselines=False)[0]["frozen"][
         "changed_after_the_run"
     ] == ["case0002"]
 

@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gapscope.agents.evaluation import HELD_OUT, MOTIONS
+from gapscope.agents.evaluation import HELD_OUT, held_out_motion
 from gapscope.agents.models import ArmModel, Gravity, TorqueModel, read_arm
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import read_arrays
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import plain
-from gapscope.arm.motions.named_motions import Workspace, check_motion_name, draw_motion
+from gapscope.arm.motions.named_motions import Workspace, check_motion_name
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.compare_units import read_ranges
@@ -313,13 +313,11 @@ def held_out(
         space: of the arm that does them.
         first: seed of the first; motions from other seeds have chosen no agent.
     """
-    found = []
-    for seed in range(first, first + settings.seeds):
-        for name in settings.motions:
-            number = list(MOTIONS).index(name) if name in MOTIONS else 99
-            rng = np.random.default_rng((HELD_OUT, number, seed))
-            found.append((name, draw_motion(name, rng, space, settings.duration)))
-    return found
+    return [
+        (name, held_out_motion(name, seed, space, settings.duration))
+        for seed in range(first, first + settings.seeds)
+        for name in settings.motions
+    ]
 
 
 def idle(env: ArmTracking | VectorArmTracking) -> Policy:

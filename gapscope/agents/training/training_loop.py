@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -30,8 +29,9 @@ from gapscope.agents.training.task import (
 )
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import atomic_write, folder_aside
 from gapscope.arm.io.json_file import read_json, to_json
+from gapscope.diagnosis.prepare import Progress, silent
 
 # The algorithms of stable-baselines3: made, seeded, and their state as files without pickled code.
 
@@ -242,17 +242,15 @@ def written_checkpoint(
     Raises:
         GapscopeError: it cannot be written.
     """
-    aside, place = folder / f".{os.getpid()}", folder / f"round_{number:05d}"
+    place = folder / f"round_{number:05d}"
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         for left in folder.glob(".*"):  # by a process that was killed
             shutil.rmtree(left)
-        aside.mkdir(parents=True)
-        try:
+        with folder_aside(place) as aside:
             yield aside
             (aside / STATE).write_text(to_json(state), encoding="utf-8")
             aside.replace(place)
-        finally:
-            shutil.rmtree(aside, ignore_errors=True)
         for older in folder.glob("round_*"):
             if older != place:
                 shutil.rmtree(older)
@@ -401,7 +399,7 @@ class Training:
         task: Task,
         settings: TrainingSettings,
         folder: Path,
-        progress: Callable[[str], None] = lambda message: None,
+        progress: Progress = silent,
     ) -> None:
         check_installed()
         task.check(settings)

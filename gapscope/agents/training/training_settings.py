@@ -12,7 +12,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.json_file import plain, schema
 from gapscope.arm.motions.named_motions import MOTIONS
-from gapscope.arm.nearest_name import check_known, nearest
+from gapscope.arm.nearest_name import check_keys, check_known, nearest
 from gapscope.envs.actions import ACTION_KINDS
 from gapscope.envs.arguments import check_values
 from gapscope.envs.engines import check_engine
@@ -107,12 +107,8 @@ class TrainingSettings:
             check_known("motion", name, motions, where="motions")
         known = schema("training")["properties"][self.algorithm]["properties"]
         for name in self.hyperparameters:
-            if name not in known:
-                raise InputError(
-                    f"{self.algorithm} has no hyperparameter {name!r}",
-                    f"{nearest(str(name), known)}known are {', '.join(known)}",
-                    where=f"hyperparameters.{name}",
-                )
+            place = f"hyperparameters.{name}"
+            check_known(f"hyperparameter of {self.algorithm}", name, known, place)
         given = self.hyperparameters
         check_values(given, "training", self.algorithm, "hyperparameters.")
         object.__setattr__(self, "hyperparameters", dict(self.hyperparameters))
@@ -205,16 +201,6 @@ def from_plain(content: Any, **changed: Any) -> TrainingSettings:
     Raises:
         InputError: an unknown name, or a value that cannot be used.
     """
-    if not isinstance(content, dict):
-        raise InputError(
-            "expected names with values", "start from a file of agents/training/configs"
-        )
     known = [f.name for f in fields(TrainingSettings)]
-    for name in content:
-        if name not in known:
-            raise InputError(
-                f"unknown key {name!r}",
-                f"{nearest(str(name), known)}known are {', '.join(known)}",
-                where=str(name),
-            )
+    content = check_keys(content, known)
     return TrainingSettings(**{**content, **changed})

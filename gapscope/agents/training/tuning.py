@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from gapscope.agents.training.training_loop import Training
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.diagnosis.prepare import Progress, silent
 
 STUDY = "study.log"
 """Journal of the trials; a search that was interrupted continues from it."""
@@ -41,7 +41,7 @@ def tune(
     settings: TrainingSettings,
     trials: int,
     folder: Path,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = silent,
 ) -> Path:
     """Search learning rate, discount, batch size and exploration; write ``tuned.yaml``.
 

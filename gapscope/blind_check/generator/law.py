@@ -97,8 +97,9 @@ class Law:
         name: name of the effect that it generates; outside the catalogue, its own name.
         draw: values at a first guess of the size.
         act: puts the values into the true arm.
-        powers: of the factor by which a cause is sized, for each value that grows or shrinks with it [1].
         units: unit of each value that the label gives.
+        powers: of the factor by which a cause is sized, for each value that grows or shrinks with it [1]; by default
+            1 for the first value that the label gives.
         joints: ``some``, ``one``, ``inner`` (one, neither the first nor the last two), ``middle`` (some, neither the
             first nor the last), ``pair`` or ``arm``.
         largest: largest size of a value that is believable; the smallest, as a negative number, if it shrinks.
@@ -112,8 +113,8 @@ class Law:
     name: str
     draw: Draw
     act: Act
-    powers: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    powers: Mapping[str, float] | None = None
     joints: str = "some"
     largest: Mapping[str, float] = field(default_factory=dict)
     own: bool = True
@@ -139,8 +140,10 @@ class Cause:
 
     def sized(self, factor: np.ndarray) -> Cause:
         """The same cause with its size times a factor per joint, or, of what belongs to the arm, the largest one."""
-        changed = dict(self.values)
-        for name, power in self.law.powers.items():
+        changed, powers = dict(self.values), self.law.powers
+        if powers is None:
+            powers = dict.fromkeys(list(self.law.units)[:1], 1)
+        for name, power in powers.items():
             own = factor if factor.shape == changed[name].shape else factor.max()
             grown = own ** abs(power)
             changed[name] = (

@@ -98,11 +98,15 @@ def _within(series: Series, half: np.ndarray) -> Series:
     return (q - middle) * shrink, dq * shrink, ddq * shrink
 
 
-def _faded(t: np.ndarray, series: Series, ramp: float = 1.0) -> Series:
-    """The motion times an envelope e that rises from 0 and falls back to it within ``ramp`` [s]; product rule."""
+RAMP = 1.0
+"""Time in which a motion sets in and fades [s]."""
+
+
+def _faded(t: np.ndarray, series: Series) -> Series:
+    """The motion times an envelope e that rises from 0 and falls back to it within ``RAMP``; product rule."""
     q, dq, ddq = series
-    rise, rise_rate, rise_curve = _quintic(t, ramp)
-    fall, fall_rate, fall_curve = _quintic(t[-1] - t, ramp)
+    rise, rise_rate, rise_curve = _quintic(t, RAMP)
+    fall, fall_rate, fall_curve = _quintic(t[-1] - t, RAMP)
     e = (rise * fall)[:, None]
     de = (rise_rate * fall - fall_rate * rise)[:, None]
     # the flanks never overlap, so that the mixed term of the product is zero

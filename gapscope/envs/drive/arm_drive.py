@@ -341,8 +341,8 @@ class Encoders(Rows):
     """Reading = round((p' + noise) / step) step, p' what effects make of the position p of motor or joint; (n,).
 
     Args:
-        arm: an arm with effects, in whose order the joints are; an effect with a resolution takes the place of
-            ``step``, all others act on the position.
+        arm: an arm with effects; one with a resolution takes the place of ``step``, all others act on the position.
+        order: the arm's joints in the order of the rows.
         step: quantisation of the data sheet [rad], 0 for none.
 
     Attributes:
@@ -351,7 +351,7 @@ class Encoders(Rows):
 
     ROWS = ("_laws", "_step")
 
-    def __init__(self, arm: CorrectedArm, step: float) -> None:
+    def __init__(self, arm: CorrectedArm, order: np.ndarray, step: float) -> None:
         self.on_motor = arm.arm.encoder == "motor"
         # rounding comes last, behind the noise, and is no law of the position
         laws = [
@@ -359,8 +359,8 @@ class Encoders(Rows):
             for law, values in arm.of_kind(Sensing)
             if "resolution" not in law.quantities.values()
         ]
-        self._laws = Laws(laws, np.arange(arm.arm.n_joints))
-        coarse = arm.quantity("resolution")
+        self._laws = Laws(laws, order)
+        coarse = arm.quantity("resolution")[order]
         self._step = np.where(coarse > 0, coarse, step)
         self.note()
 

@@ -12,7 +12,6 @@ damper that is all but rigid.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from copy import copy
 from functools import partial, reduce
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -40,23 +39,13 @@ K = TypeVar("K", bound=Effect)
 class Rows:
     """A calculation that is done joint by joint, so that joints of several arms can stand in one array.
 
+    It is made with the arm's joints in the order of the rows, which may go through them once for each of several arms.
+
     Attributes:
         ROWS: names of the attributes that hold one value per joint, shape (k,), or are such calculations themselves.
     """
 
     ROWS: ClassVar[tuple[str, ...]] = ()
-
-    def beside(self: R, count: int) -> R:
-        """The same for ``count`` such arms, joints of the first arm first."""
-        many = copy(self)
-        for name in self.ROWS:
-            own = getattr(self, name)
-            several = (
-                own.beside(count) if isinstance(own, Rows) else np.tile(own, count)
-            )
-            setattr(many, name, several)
-        many.note()
-        return many
 
     def put(self: R, number: int, one: R) -> None:
         """Take over the values of one arm as those of arm ``number``, counted from 0."""
@@ -113,16 +102,6 @@ class Laws(Rows, Generic[K]):
                 self.joints |= on
         self.acting.sort(key=lambda item: (getattr(item[0], "place", 0), item[0].name))
         self._known = {item[0].name: item for item in self.acting}
-
-    def beside(self, count: int) -> Laws[K]:
-        """The same for ``count`` such arms."""
-        many = copy(self)
-        many.joints = np.tile(self.joints, count)
-        many._known = {
-            effect.name: (effect, np.tile(rows, count)) for effect, rows in self.acting
-        }
-        many.note()
-        return many
 
     def put(self, number: int, one: Laws[K]) -> None:
         """Take over the effects of one arm as those of arm ``number``; arms may have different ones."""
@@ -540,7 +519,8 @@ class TorquePath(Rows):
         changes |= any(law.varies_with == "position" for law, _ in acting)
         self.changing = np.full(len(steps), bool(changes))
         self._fresh = np.ones(len(steps), dtype=bool)
-        self._held, self._now = np.zeros((2, len(steps))), -1
+        # the latest commands, the last one first
+        self._held: np.ndarray = np.zeros((2, len(steps)))
         self.note()
         self.reset()
 
@@ -556,30 +536,15 @@ class TorquePath(Rows):
         self._heats = bool(self._heat.fading.any())
         self._in_time = bool(self._lags or self._whole.any() or self._fraction.any())
         self.constant = not self.changing.any()
-        # the latest command, and the two between which the longest delay changes
+        # up to the two between which the longest delay changes; older ones count as the oldest that is known
         length = int(self._whole.max()) + 2
-        if self._held.shape != (length, size):
-            self._held, self._now = np.zeros((length, size)), -1
-
-    def beside(self, count: int) -> TorquePath:
-        """The same for ``count`` such arms; all commands are forgotten."""
-        many = super().beside(count)
-        many._held = np.zeros_like(many._held)
-        many.reset()
-        return many
+        self._held = self._held.take(range(length), axis=0, mode="clip")
 
     def put(self, number: int, one: TorquePath) -> None:
         """Take over the way of one arm as that of arm ``number``, whose commands are forgotten."""
-        before, now, length = self._held, self._now, len(self._held)
         super().put(number, one)
         size = len(one._whole)
         self.reset(slice(number * size, (number + 1) * size))
-        if len(self._held) != length:
-            # the commands of the other arms, in a ring of another length
-            self._now = now
-            for ago in range(min(length, len(self._held), now + 1)):
-                row = before[(now - ago) % length]
-                self._held[(now - ago) % len(self._held)] = row
 
     def reset(self, rows: slice = slice(None)) -> None:
         """Forget all commands, of all joints or of some; their motors are cold."""
@@ -619,13 +584,11 @@ class TorquePath(Rows):
             self._lag.start(u, self._fresh)
             self._fresh[:] = False
             self._starts = False
-        self._now += 1
-        length = len(self._held)
-        self._held[self._now % length] = u
-        # each joint has a delay of its own, and so another row of the ring
-        late = self._now - self._whole
+        self._held[1:] = self._held[:-1]
+        self._held[0] = u
+        # each joint has a delay of its own, and so another row
         newer, older = (
-            self._held[index % length, self._columns] for index in (late, late - 1)
+            self._held[late, self._columns] for late in (self._whole, self._whole + 1)
         )
         late_only = (1.0 - self._fraction) * newer + self._fraction * older
         if not self._lags:

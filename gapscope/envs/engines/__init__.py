@@ -10,7 +10,6 @@ from abc import ABC, abstractmethod
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
-from typing import NamedTuple
 
 import numpy as np
 
@@ -78,35 +77,16 @@ class Bodies(ABC):
         """Free the world; a second call does nothing."""
 
 
-class _Kind(NamedTuple):
-    """Where an engine is: its class, the library that it needs, and how to install that."""
-
-    module: str
-    name: str
-    library: str
-    install: str
-
-
 ENGINES = {
-    "pybullet": _Kind(
-        "gapscope.envs.engines.pybullet",
-        "PyBulletBodies",
-        "pybullet",
-        "pip install 'gapscope[pybullet]', which has wheels for Python 3.10 and 3.11 on Linux",
-    ),
-    "mujoco": _Kind(
-        "gapscope.envs.engines.mujoco",
-        "MuJoCoBodies",
-        "mujoco",
-        "pip install mujoco",
-    ),
+    "pybullet": "pip install 'gapscope[pybullet]', which has wheels for Python 3.10 and 3.11 on Linux",
+    "mujoco": "pip install mujoco",
 }
-"""The engines by name."""
+"""How to install each engine, by its name, which is that of its library and of a module beside this one."""
 
 
 def installed(name: str) -> bool:
     """Whether the library of an engine is installed."""
-    return find_spec(ENGINES[name].library) is not None
+    return find_spec(name) is not None
 
 
 @cache
@@ -115,9 +95,7 @@ def default_engine() -> str:
     if installed("pybullet"):
         return "pybullet"
     message = "PyBullet is not installed, MuJoCo simulates the arm"
-    warnings.warn(
-        f"{message} ({ENGINES['pybullet'].install})", EngineWarning, stacklevel=2
-    )
+    warnings.warn(f"{message} ({ENGINES['pybullet']})", EngineWarning, stacklevel=2)
     return "mujoco"
 
 
@@ -132,7 +110,7 @@ def check_engine(name: str | None) -> str:
     check_known("engine", name, ENGINES, where="engine")
     if not installed(name):
         raise InputError(
-            f"the engine {name} is not installed", ENGINES[name].install, where="engine"
+            f"the engine {name} is not installed", ENGINES[name], where="engine"
         )
     return name
 
@@ -149,7 +127,7 @@ def make_bodies(name: str | None, body: RigidBody, dt: float, **options: int) ->
     Raises:
         InputError: no such engine, or it is not installed.
     """
-    kind = ENGINES[check_engine(name)]
     # imported only when it is asked for: an engine that is not installed harms nobody
-    bodies: Bodies = getattr(import_module(kind.module), kind.name)(body, dt, **options)
+    engine = import_module(f"{__name__}.{check_engine(name)}")
+    bodies: Bodies = engine.ENGINE(body, dt, **options)
     return bodies

@@ -193,3 +193,6 @@ class MuJoCoBodies(Bodies):
 
     def close(self) -> None:
         """Nothing outlives the object."""
+
+
+ENGINE = MuJoCoBodies

@@ -183,3 +183,6 @@ def _load(
         robot, joints, pybullet.VELOCITY_CONTROL, forces=zeros, physicsClientId=client
     )
     return robot, joints
+
+
+ENGINE = PyBulletBodies

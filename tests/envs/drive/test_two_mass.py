@@ -87,7 +87,7 @@ def test_energy_only_falls(
         for _ in range(round(0.5 / dt)):
             twist = simulated.motor_q - simulated.q
             wound = np.maximum(np.abs(twist) - 0.005, 0.0)
-            speed = simulated._arms.simulators[0].motors.velocity
+            speed = simulated.motors.velocity
             parts = 0.15 * speed**2, 0.5 * LINK * simulated.dq**2, 1000.0 * wound**2
             energies.append(float(sum(parts)[0]))
             simulated.step(np.zeros(1))
