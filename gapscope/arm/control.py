@@ -238,7 +238,8 @@ def like_pd(pd: PD, kind: str, damping: float) -> Controller:
 
 
 SETTLE = 0.5
-"""Time for which a reference that starts at rest is held before a recording [s]."""
+"""Time for which a reference that starts at rest is held before a recording [s], and from whose recorded torque the
+start of an integrator is taken."""
 
 
 class Targets(NamedTuple):
@@ -363,16 +364,12 @@ class ControlLoop:
 # What the integrator of a controller held when a recording with its torque began.
 
 
-START = 0.5
-"""Span from whose recorded torque the start of an integrator is taken [s]."""
-
-
 def integral_at_start(
     recording: Recording, controller: Controller, targets: Targets
 ) -> np.ndarray:
     """Torque of the integrator at the first row [N m], (n,).
 
-    The mean over ``START`` of what the law leaves of the recorded torque, less what the integrator has gained by then:
+    The mean over the first ``SETTLE`` of what the law leaves of the recorded torque, less what the integrator has gained by then:
     the noise of one row would push light joints away.
 
     Args:
@@ -381,10 +378,10 @@ def integral_at_start(
         targets: at its ticks from the first row on.
     """
     t = recording.t - recording.t[0]
-    part = recording.part(t <= START)
+    part = recording.part(t <= SETTLE)
     assert part.tau is not None
     # the command at each row is that of the last tick before it
-    target = targets.at((t[t <= START] * controller.rate + 1e-6).astype(int))
+    target = targets.at((t[t <= SETTLE] * controller.rate + 1e-6).astype(int))
     dq = np.gradient(part.q, part.t, axis=0) if part.dq is None else part.dq
     error, rate = target.q - part.q, target.dq - dq
     slope = controller.integration(error, rate)

@@ -172,8 +172,8 @@ def _frozen(value: Any) -> np.ndarray:
 
 MOST = 0.9
 """Share of the samples, or of what lies between them, that is most of them [1]."""
-WHOLE = 0.05
-"""A change is a whole number of steps if it differs from one by less [1]..."""
+WHOLE = (1 - MOST) / 2
+"""A change is a whole number of steps if it differs from one by less [1]: by chance so few do that most do not."""
 NOTED = 0.01
 """Steps are noted whose rounding, step / sqrt 12, exceeds this share of the torque's deviation [1]."""
 
@@ -217,7 +217,7 @@ def _step(series: np.ndarray) -> float:
 
 
 STUCK_TIME = 0.2
-"""Any value that is kept for less is left as it is [s]: slow updates and coarse steps do that."""
+"""Any value, of a position too, that is kept for less is left as it is [s]: slow updates and coarse steps do that."""
 CLIPPED_RATIO = 5.0
 """A limit was reached if the longest time at the largest or least value is so many times as long as usual [1]."""
 STUCK_RATIO = 10.0
@@ -277,8 +277,8 @@ def _held(t: np.ndarray, q: np.ndarray, series: np.ndarray) -> np.ndarray:
     clipped, stuck = held = np.zeros((2, len(series)), dtype=bool)
     starts, stops = kept_values(series)
     lengths = stops - starts
-    # most torques never keep a value for three rows
-    if min(lengths.max(initial=0), len(lengths)) < 3:
+    # most torques keep no value for long, however short it usually lasts; one that has two values is a switch
+    if lengths.max(initial=0) <= CLIPPED_RATIO or len(lengths) <= 2:
         return held
     # a limit keeps its values: they say nothing of how long one usually lasts
     extreme = np.isin(series[starts], (series.min(), series.max()))

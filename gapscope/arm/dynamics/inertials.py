@@ -14,21 +14,18 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import listed
 from gapscope.arm.known_load import UPPER, point_mass_parameters
 
-THINNEST = 1e-3
-"""Least edge of a box [m], for inertias whose largest moment is the sum of the others or above it."""
-
 
 def box_edges(mass: float, moments: np.ndarray) -> np.ndarray:
     """Edges a_i [m] of the homogeneous box with principal moments I_i = m (a_j^2 + a_k^2) / 12, shape (3,).
 
-    Solved for the edges: a_i^2 = 6 (I_j + I_k - I_i) / m.
+    Solved for the edges: a_i^2 = 6 (I_j + I_k - I_i) / m; 0 if the largest moment is above the sum of the others.
 
     Args:
         mass: m [kg], above 0.
         moments: I about the centre of mass [kg m^2], shape (3,).
     """
     squares = 6 / mass * (moments.sum() - 2 * moments)
-    return np.sqrt(np.maximum(squares, THINNEST**2))
+    return np.sqrt(np.maximum(squares, 0.0))
 
 
 def inertia_boxes(model: pin.Model) -> pin.GeometryModel:

@@ -10,6 +10,11 @@ import pinocchio as pin
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 
+LEAST_JOINTS = 3
+"""Joints with which a tool can reach any place: it has three coordinates."""
+POSTURES = 1000
+"""Postures that stand for all of an arm's."""
+
 # Poses of all links of an arm along a motion, for pictures and logs.
 
 
@@ -100,7 +105,7 @@ class Kinematics:
         joints = [placement.translation for placement in placements]
         tip = self._data.oMf[self._tool].translation
         # a tool on the joint's own axis would leave the last link without length
-        if np.abs(tip - joints[-1]).max() < 1e-3:
+        if np.allclose(tip, joints[-1]):
             centre_of_mass = self._model.inertias[len(joints)].lever
             tip = placements[-1].act(centre_of_mass)
         return np.array([np.zeros(3), *joints, tip])
@@ -159,10 +164,10 @@ def inverse_kinematics(
         GapscopeError: the target was not reached.
     """
     q = np.array(start, dtype=float)
-    weight = np.repeat([1.0, TURN], len(target.position))
+    weight = np.repeat([1.0, TURN], LEAST_JOINTS)
     # fewer joints than six cannot choose an orientation: three rows are left
     if kinematics.n_joints < len(weight):
-        weight = weight[: len(target.position)]
+        weight = weight[:LEAST_JOINTS]
     rows = len(weight)
     for _ in range(ITERATIONS):
         error = _error(kinematics.tool(q), target)[:rows] * weight

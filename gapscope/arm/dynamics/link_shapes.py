@@ -17,9 +17,11 @@ from scipy.spatial import ConvexHull, QhullError
 
 from gapscope.arm.dynamics.description import Shape, read_description
 from gapscope.arm.dynamics.inertials import inertia_boxes
+from gapscope.arm.dynamics.kinematics import POSTURES
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import MOST
 
 # Shapes and named frames of a robot file, placed on the bodies that move them.
 
@@ -103,8 +105,6 @@ DIRECTIONS = 150
 """Directions in which the farthest point of a body is kept."""
 THICKNESS = 0.03
 """Radius of a rod over the length of the stretched arm [1]."""
-ROUND = 16
-"""Corners of a circle."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def link_hulls(body: RigidBody) -> tuple[Hull, ...]:
             number = body.model.getJointId(frame.joint) if frame.joint else 0
             if shape.use == use and number not in drawn:
                 # a picture can do without a mesh that cannot be read
-                points = shape_points(shape, DIRECTIONS, ROUND)
+                points = shape_points(shape, DIRECTIONS, DIRECTIONS)
                 if points is not None:
                     found += _hull(number, points @ frame.rotation.T + frame.position)
     drawn = {hull.body for hull in found}
@@ -236,12 +236,8 @@ def directions(count: int) -> np.ndarray:
 # Distance of an arm to itself and to the surface that it stands on, by the collision shapes of its URDF or boxes.
 
 
-POSTURES = 1000
-"""Random postures on which pairs that touch nearly always, or never come near, are found."""
-OFTEN = 0.95
-"""Pairs that touch in this share of them are no collision."""
 FAR = 0.05
-"""Pairs that stay farther apart than this in all of them are left to the final check of a search [m]."""
+"""Pairs that stay farther apart than this in all random postures are left to the final check of a search [m]."""
 REMEDY = (
     "give the URDF beside its meshes, or leave collisions unchecked (--no-collisions)"
 )
@@ -295,7 +291,7 @@ class CollisionModel:
         distances = self._sampled()
         overlapping = distances <= 0
         # hulls that overlap at zero or nearly always do so by construction
-        by_construction = overlapping[0] | (overlapping[1:].mean(axis=0) >= OFTEN)
+        by_construction = overlapping[0] | (overlapping[1:].mean(axis=0) >= MOST)
         self.left_out = tuple(compress(candidates, by_construction))
         kept = ~by_construction
         self._least = distances[:, kept].min(axis=0, initial=np.inf)

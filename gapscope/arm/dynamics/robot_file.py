@@ -23,13 +23,11 @@ from gapscope.arm.dynamics.description import (
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.table import shortened
 from gapscope.arm.nearest_name import nearest
-from gapscope.arm.nominal import check_size
+from gapscope.arm.nominal import LARGEST, check_size
 
 SAME_INERTIA = 4
 """So many links of different masses with the same moments of inertia have no moments of their own [1]."""
-ROUNDING = 1e-15
-"""Moments of inertia this far below zero are rounding of a file that was converted [kg m^2]."""
-UNLIMITED = 1e6
+UNLIMITED = LARGEST["length"][0]
 """Position limits beyond this [rad or m] are none."""
 
 
@@ -167,7 +165,7 @@ def _check_inertial(inertial: Inertial, path: Path, where: str) -> None:
     check_size(inertial.com, "length", path, where)
     moments = np.linalg.eigvalsh(inertial.moments)
     # a negative moment within rounding of the largest one, or of a conversion
-    if moments[0] < -max(1e-6 * abs(moments[2]), ROUNDING):
+    if moments[0] < -max(1e-6 * abs(moments[2]), np.finfo(float).eps):
         raise InputError(
             f"it has the principal moments {listed(moments)} kg m^2, expected none below zero",
             "correct the moments: they are about the centre of mass, in the axes of the inertial's frame",

@@ -489,8 +489,8 @@ class _TangentStepper(Stepper):
         sign = np.tanh(x)
         sign_slope = 1 - sign**2
         fade = taper(x)
-        # d(taper) / dx, whose quotient has no limit that a computer finds at x = 0
-        moving = np.abs(x) > 1e-4
+        # d(taper) / dx: at x = 0 it vanishes, and its quotient is lost in rounding
+        moving = np.abs(x) > np.cbrt(np.finfo(float).eps)
         safe = np.where(moving, x, 1.0)
         quotient = sign_slope / safe - sign / safe**2
         curve = quotient * np.exp(-(x**2) / 16) - fade * x / 8

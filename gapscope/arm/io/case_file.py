@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -26,11 +27,8 @@ from gapscope.arm.known_load import KnownLoad
 
 
 LARGEST_YAML = 5_000_000
-"""Size of the largest YAML file that is read [bytes]; that of a case has some kB."""
-DEEPEST_YAML = 300
-"""Open brackets of a YAML file: the parser looks at all of them at each word, and recurses."""
-LARGEST_EXPANSION = 1_000_000
-"""Values that a YAML file may stand for, aliases written out [1]."""
+"""Size of the largest YAML file that is read [bytes]; that of a case has some kB. Nor may it stand for more values, aliases
+written out."""
 
 _KINDS = {
     "object": "a mapping (key: value)",
@@ -143,8 +141,8 @@ def _loaded(text: str) -> Any:
     """
     # brackets that are open at once, those in quotes and comments among them
     steps = [1 if bracket in "[{" else -1 for bracket in re.findall(r"[\[\]{}]", text)]
-    # counted before parsing: PyYAML takes long for what is nested deeply
-    if max(accumulate(steps), default=0) > DEEPEST_YAML:
+    # counted before parsing: PyYAML looks at all that are open at each word, and recurses
+    if max(accumulate(steps), default=0) > sys.getrecursionlimit():
         raise RecursionError
     loader = _Loader(text)
     try:
@@ -152,9 +150,9 @@ def _loaded(text: str) -> Any:
         root = loader.get_single_node()
         if root is None:
             return None
-        if _expanded_size(root, {}) > LARGEST_EXPANSION:
+        if _expanded_size(root, {}) > LARGEST_YAML:
             raise yaml.YAMLError(
-                f"its aliases stand for more than {LARGEST_EXPANSION} values"
+                f"its aliases stand for more than {LARGEST_YAML} values"
             )
         return loader.construct_document(root)
     finally:

@@ -21,8 +21,8 @@ from gapscope.arm.errors import InputError
 
 GAP_STEPS = 4.0
 """A step of time longer than this many usual steps is a gap, over which nothing is interpolated [1]."""
-LARGEST_NUMBER = 1e50
-"""Size of the largest number in a log, whatever it counts; squares and products of larger ones overflow [1]."""
+LARGEST_NUMBER = float(np.sqrt(np.sqrt(np.finfo(float).max)))
+"""Size of the largest number in a file, whatever it counts; products of four larger ones overflow [1]."""
 NO_VALUE = ("", "nan", "-nan", "null", "none", "na", "n/a", "-")
 """What stands in a cell that has no value, in lower case."""
 
