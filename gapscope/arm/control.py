@@ -49,7 +49,7 @@ def feedforward(
     if kind == "none":
         return np.zeros_like(q)
     if kind == "gravity":
-        return body.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
+        return body.gravity_torque(q)
     if kind == "nominal":
         torque = body.inverse_dynamics(q, dq, ddq) + arm.armature * ddq
         return torque + arm.friction(dq)
@@ -314,9 +314,7 @@ class ControlLoop:
         self.controller, self._arm = controller, arm
         self._body = RigidBody(arm)
         self._period = 1.0 / controller.rate
-        self._limit: np.ndarray | float = (
-            np.inf if arm.torque_limit is None else arm.torque_limit
-        )
+        self._limit = np.inf if arm.torque_limit is None else arm.torque_limit
         self.integral = np.zeros(arm.n_joints)
 
     def __call__(self, commands: Targets, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -369,8 +367,8 @@ def integral_at_start(
 ) -> np.ndarray:
     """Torque of the integrator at the first row [N m], (n,).
 
-    The mean over the first ``SETTLE`` of what the law leaves of the recorded torque, less what the integrator has gained by then:
-    the noise of one row would push light joints away.
+    The mean over the first ``SETTLE`` of what the law leaves of the recorded torque, less what the integrator has
+    gained by then: the noise of one row would push light joints away.
 
     Args:
         recording: without gaps, with its torque.

@@ -370,22 +370,17 @@ def set_points(recording: Recording) -> SetPoints | None:
     step = np.diff(recording.q_ref, axis=0)
     # all joints of a controller have their set points in the same rows
     changed = np.flatnonzero(step.any(axis=1)) + 1
-    if _every(changed) is not None and not _quantised(step):
-        return _regular("held", changed)
+    every = _every(changed)
+    if every is not None and not _quantised(step):
+        return SetPoints("held", changed, every)
     # a straight line has no second difference but for rounding, its corners have
-    bend = np.abs(np.diff(step, axis=0)) / np.maximum(
-        np.ptp(recording.q_ref, axis=0), np.finfo(float).eps
-    )
-    most = bend.max(axis=1)
+    travel = np.maximum(np.ptp(recording.q_ref, axis=0), np.finfo(float).eps)
+    most = (np.abs(np.diff(step, axis=0)) / travel).max(axis=1)
     # so many corners there have to be: the smallest of them
     plain = np.sort(most)[-SET_POINT_LEAST]
     corners = np.flatnonzero(most > CORNER_SHARE * plain) + 1
-    return _regular("interpolated", corners)
-
-
-def _regular(variant: str, rows: np.ndarray) -> SetPoints | None:
-    every = _every(rows)
-    return None if every is None else SetPoints(variant, rows, every)
+    every = _every(corners)
+    return None if every is None else SetPoints("interpolated", corners, every)
 
 
 def _every(rows: np.ndarray) -> int | None:
@@ -396,12 +391,9 @@ def _every(rows: np.ndarray) -> int | None:
     every = int(np.median(distance))
     # longer distances are rests, in which nothing changes
     moving = distance[distance < 4 * every]
-    near = np.abs(moving - every) <= 1
     # of two rows, one more or less would be anything
-    regular = near & (moving > 1)
-    if every < 2 or regular.mean() < MOST:
-        return None
-    return every
+    regular = (np.abs(moving - every) <= 1) & (moving > 1)
+    return every if every >= 2 and regular.mean() >= MOST else None
 
 
 def _quantised(step: np.ndarray) -> bool:

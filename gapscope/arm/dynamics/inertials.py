@@ -61,20 +61,22 @@ def odd_inertials(body: RigidBody) -> tuple[str, ...]:
     for joint, (name, link) in enumerate(zip(body.joints, body.links, strict=True), 1):
         inertia = body.model.inertias[int(link)]
         moments = np.linalg.eigvalsh(inertia.inertia)
-        place = f"{body.file}: the link moved by joint {joint} ({name})"
         if inertia.mass == 0 and not moments.any():
-            notes.append(
-                f"{place} has no <inertial>: it is simulated without mass; give it one if it has any"
+            said = (
+                "no <inertial>: it is simulated without mass; give it one if it has any"
             )
         elif inertia.mass == 0:
-            notes.append(
-                f"{place} has moments of inertia but no mass, which no body has; correct <mass>"
-            )
+            said = "moments of inertia but no mass, which no body has; correct <mass>"
         elif moments[2] > (1 + EXCESS) * (moments[0] + moments[1]):
-            notes.append(
-                f"{place} has the principal moments of inertia {listed(moments)} kg m^2, of which no body has one "
-                "above the sum of the others: they are simulated as they are; correct <inertia> if you can"
+            said = (
+                f"the principal moments of inertia {listed(moments)} kg m^2, of which no body has one above the sum of "
+                "the others: they are simulated as they are; correct <inertia> if you can"
             )
+        else:
+            continue
+        notes.append(
+            f"{body.file}: the link moved by joint {joint} ({name}) has {said}"
+        )
     return tuple(notes)
 
 

@@ -41,14 +41,12 @@ def link_poses(body: RigidBody, q: np.ndarray) -> LinkPoses:
     """
     model, data = body.model, body.model.createData()
     links = [k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
-    in_order = q[:, body.order]
-    positions = np.empty((len(q), len(links), 3))
-    quaternions = np.empty((len(q), len(links), 4))
-    for i, state in enumerate(np.ascontiguousarray(in_order)):
+    poses = []
+    for state in np.ascontiguousarray(q[:, body.order]):
         pin.framesForwardKinematics(model, data, state)
-        for k, link in enumerate(links):
-            pose = pin.SE3ToXYZQUAT(data.oMf[link])
-            positions[i, k], quaternions[i, k] = pose[:3], pose[3:]
+        poses.append([pin.SE3ToXYZQUAT(data.oMf[link]) for link in links])
+    # position, then quaternion
+    positions, quaternions = np.split(np.array(poses), [3], axis=-1)
     names = tuple(model.frames[k].name for k in links)
     return LinkPoses(names, positions, quaternions)
 
@@ -101,14 +99,13 @@ class Kinematics:
         The tip is the tool, or the centre of mass of the last link if the tool lies on the last joint.
         """
         pin.framesForwardKinematics(self._model, self._data, q[self._order])
-        placements = list(self._data.oMi)[1:]
-        joints = [placement.translation for placement in placements]
+        # the universe comes first: its place is the base
+        *_, last = placements = list(self._data.oMi)
         tip = self._data.oMf[self._tool].translation
         # a tool on the joint's own axis would leave the last link without length
-        if np.allclose(tip, joints[-1]):
-            centre_of_mass = self._model.inertias[len(joints)].lever
-            tip = placements[-1].act(centre_of_mass)
-        return np.array([np.zeros(3), *joints, tip])
+        if np.allclose(tip, last.translation):
+            tip = last.act(self._model.inertias[len(placements) - 1].lever)
+        return np.array([*(place.translation for place in placements), tip])
 
 
 # How far a posture is from a singular one.

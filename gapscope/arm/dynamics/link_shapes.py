@@ -125,37 +125,30 @@ class Hull:
 def link_hulls(body: RigidBody) -> tuple[Hull, ...]:
     """Hulls of the visual shapes of a URDF, or of its collision shapes; a body without any is a rod along the arm."""
     shapes, _ = read_shapes(body)
-    found: list[Hull] = []
+    found, model = list[Hull](), body.model
     # visual shapes first; collision ones only of bodies that have none
     for use in ("visual", "collision"):
         drawn = {hull.body for hull in found}
         for shape in shapes:
             frame = shape.frame
-            number = body.model.getJointId(frame.joint) if frame.joint else 0
+            number = model.getJointId(frame.joint) if frame.joint else 0
             if shape.use == use and number not in drawn:
                 # a picture can do without a mesh that cannot be read
                 points = shape_points(shape, DIRECTIONS, DIRECTIONS)
                 if points is not None:
                     found += _hull(number, points @ frame.rotation.T + frame.position)
     drawn = {hull.body for hull in found}
-    # nothing is drawn of the others: rods to what they carry
-    bare = [number for number in range(body.model.njoints) if number not in drawn]
-    thickness = THICKNESS * reach(body)
-    for number in bare:
-        for end in _ends(body, number):
-            # a rod is the hull of a ball at either end
-            ball = thickness * directions(DIRECTIONS)
+    # a rod is the hull of a ball at either end
+    ball = THICKNESS * reach(body) * directions(DIRECTIONS)
+    for number in range(model.njoints):
+        if number in drawn:
+            continue
+        # nothing is drawn of it: rods to the joints that it carries, of the last to its centre of mass
+        carried = [k for k in range(1, model.njoints) if model.parents[k] == number]
+        ends = [model.jointPlacements[k].translation for k in carried]
+        for end in ends or [model.inertias[number].lever]:
             found += _hull(number, np.vstack([ball, ball + end]))
     return tuple(found)
-
-
-def _ends(body: RigidBody, number: int) -> list[np.ndarray]:
-    """Where the joints that a body carries stand in its frame [m], (3,) each; of the last its centre of mass."""
-    model = body.model
-    children = [k for k in range(1, model.njoints) if model.parents[k] == number]
-    if children:
-        return [model.jointPlacements[k].translation for k in children]
-    return [model.inertias[number].lever]
 
 
 def reach(body: RigidBody) -> float:
@@ -280,8 +273,7 @@ class CollisionModel:
         # bodies on other joints than the same or neighbouring ones; the surface only bodies that move can reach
         on = [int(shape.parentJoint) for shape in self._shapes.geometryObjects]
         above, apart = self._model.parents, []
-        for first, second in combinations(range(len(on)), 2):
-            a, b = on[first], on[second]
+        for (first, a), (second, b) in combinations(enumerate(on), 2):
             beside = a == b or above[a] == b or above[b] == a
             if a > 0 if second >= bodies else not beside:
                 apart.append((first, second))
@@ -348,19 +340,16 @@ class CollisionModel:
 
     def _sampled(self) -> np.ndarray:
         """Distance of the present pairs [m] in the zero posture and in random ones, one row each."""
+        model, out = self._model, []
+        limits = (model.lowerPositionLimit, model.upperPositionLimit)
         # joints without limits within a turn
-        low = np.clip(self._model.lowerPositionLimit, -np.pi, np.pi)
-        high = np.clip(self._model.upperPositionLimit, -np.pi, np.pi)
-        zero = np.clip(np.zeros(self._model.nq), low, high)
-        random = np.random.default_rng(0).uniform(
-            low, np.maximum(low, high), (POSTURES, self._model.nq)
-        )
-        out = np.empty((POSTURES + 1, len(self.pairs)))
-        for row, q in enumerate([zero, *random]):
+        low, high = np.clip(limits, -np.pi, np.pi)
+        zero = np.clip(np.zeros(model.nq), low, high)
+        size, high = (POSTURES, model.nq), np.maximum(low, high)
+        for q in (zero, *np.random.default_rng(0).uniform(low, high, size)):
             self._compute(q)
-            results = self._geometry.distanceResults
-            out[row] = [result.min_distance for result in results]
-        return out
+            out.append([x.min_distance for x in self._geometry.distanceResults])
+        return np.array(out).reshape(POSTURES + 1, len(self.pairs))
 
 
 def _collision_shapes(arm: NominalArm, body: RigidBody) -> pin.GeometryModel:

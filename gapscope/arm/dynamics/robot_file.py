@@ -58,7 +58,9 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
     tag = "link" if description.form == "URDF" else "body"
     places |= {f"{tag} {name}" for name in moved}
     # shapes have a say only where MuJoCo weighs a body by them
-    places |= {f"shape of {tag} {name}" for name in moved & _by_shape(description)}
+    if description.form == "MJCF":
+        bare = {x.name for x in description.links if x.drawn and x.inertial is None}
+        places |= {f"shape of {tag} {name}" for name in moved & bare}
     poses = {f"body {joint.child}" for joint in used}
     for found in description.unreadable:
         other = found.place.removeprefix("joint ") not in joints
@@ -232,13 +234,6 @@ def _check_tree(
 
 
 # --- bodies that an MJCF file weighs by their shapes
-
-
-def _by_shape(description: Description) -> set[str]:
-    """Links without inertial that have shapes of an MJCF file."""
-    if description.form == "URDF":
-        return set()
-    return {x.name for x in description.links if x.drawn and x.inertial is None}
 
 
 def _weighed(shape: Shape) -> pin.Inertia:
