@@ -33,7 +33,7 @@ from gapscope.arm.io.load_recording import (
 )
 from gapscope.arm.io.log import check_no_log, open_log
 from gapscope.arm.io.plausibility import UNSIGNED
-from gapscope.arm.io.table import numbered
+from gapscope.arm.io.table import Table, numbered
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm, coupling_of_transmission
 from gapscope.arm.recording import Recording, slow_words
@@ -130,8 +130,8 @@ class Case:
         noticed = []
         for recording in (*self.recordings, *self.judged):
             slow = "; ".join(filter(None, slow_words(recording)))
-            every = filter(None, (*recording.notes, slow))
-            noticed += [f"{recording.name}: {note}" for note in every]
+            every = (*recording.notes, slow)
+            noticed += [f"{recording.name}: {note}" for note in every if note]
         return noticed
 
     @classmethod
@@ -300,8 +300,7 @@ def load_case(
     # the transmission of a log also says which motors turn several joints
     arm = _with_coupling(arm, importing)
     payloads = known_loads(content, paths)
-    recordings: list[Recording] = []
-    judged: list[Recording] = []
+    recordings, judged = list[Recording](), list[Recording]()
     if read_recordings:
         recordings, judged = _recordings(
             content, paths, arm, importing, payloads, any_unit
@@ -328,26 +327,25 @@ def _locked(content: Mapping[str, Any], paths: CasePaths) -> dict[str, float]:
     Raises:
         InputError: no table of that recording has the column.
     """
-    section = content.get("locked") or {}
-    columns = {name: entry for name, entry in section.items() if isinstance(entry, str)}
-    positions = {name: entry for name, entry in section.items() if name not in columns}
-    if not columns:
-        return {name: float(position) for name, position in positions.items()}
-    first = paths.entry(content["recordings"][0], "recordings")
-    files = [first] if not isinstance(first, dict) else list(first.values())
-    tables = [table for file in files for table in open_log(file).tables]
-    for name, column in columns.items():
+    positions, tables = dict(content.get("locked") or {}), list[Table]()
+    for name, column in positions.items():
+        if not isinstance(column, str):
+            continue
+        first = paths.entry(content["recordings"][0], "recordings")
+        files = list(first.values()) if isinstance(first, dict) else [first]
+        # read once, and only if a column is named
+        tables = tables or [table for file in files for table in open_log(file).tables]
         holding = [table for table in tables if column in table.columns]
         if not holding:
             raise InputError(
-                f"no table of {', '.join(str(file) for file in files)} has a column {column!r}",
+                f"no table of {', '.join(map(str, files))} has a column {column!r}",
                 "name a column, or give the position as a number",
                 file=paths.file,
                 where=f"field locked.{name}",
             )
         # the mean: an arm's other joints stand still, or are taken as if they did
         positions[name] = np.mean(holding[0].numbers(column))
-    return {name: float(positions[name]) for name in section}
+    return {name: float(position) for name, position in positions.items()}
 
 
 def _with_coupling(arm: NominalArm, importing: Import | None) -> NominalArm:
@@ -435,7 +433,7 @@ def file_names(files: Iterable[Path], folder: Path) -> dict[Path, str]:
 def _same_content(one: Recording, other: Recording) -> bool:
     """Whether two recordings hold the same motion with the same torque, whatever their names."""
     # positions first, which differ at once between two motions
-    if one.q.shape != other.q.shape or not np.array_equal(one.q, other.q):
+    if not np.array_equal(one.q, other.q):
         return False
     first, second = (np.zeros(0) if r.tau is None else r.tau for r in (one, other))
     # a copy may have other dates
@@ -443,16 +441,16 @@ def _same_content(one: Recording, other: Recording) -> bool:
     return alike and np.array_equal(first, second)
 
 
-def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path, ...]:
+def case_files(path: str | Path) -> tuple[Path, ...]:
     """Files that a case is read from: the case file, the robot's, calibration, recordings with every file of a folder.
 
     Raises:
         InputError: the case file or the robot cannot be used.
     """
-    case = load_case(path, data_root=data_root, read_recordings=False)
-    file = Path(path) / "case.yaml" if is_folder(Path(path)) else Path(path)
-    content = read_case_file(file)
-    paths = CasePaths(file, data_root)
+    case = load_case(path, read_recordings=False)
+    file = case.file
+    assert file is not None
+    content, paths = read_case_file(file), CasePaths(file, None)
     found = [file, case.arm.urdf]
     calibration = (content.get("import") or {}).get("calibration")
     if calibration is not None:
@@ -476,7 +474,5 @@ def _check_duration(recording: Recording, file: Path) -> None:
 
 def _warnings(recordings: list[Recording]) -> tuple[str, ...]:
     """What concerns the whole case among the notes of its recordings."""
-    unsigned = [
-        recording.name for recording in recordings if UNSIGNED in recording.notes
-    ]
-    return (f"{', '.join(unsigned)}: {UNSIGNED}",) if unsigned else ()
+    unsigned = ", ".join(r.name for r in recordings if UNSIGNED in r.notes)
+    return (f"{unsigned}: {UNSIGNED}",) if unsigned else ()

@@ -49,7 +49,7 @@ def feedforward(
     if kind == "none":
         return np.zeros_like(q)
     if kind == "gravity":
-        return body.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
+        return body.gravity_torque(q)
     if kind == "nominal":
         torque = body.inverse_dynamics(q, dq, ddq) + arm.armature * ddq
         return torque + arm.friction(dq)
@@ -238,7 +238,8 @@ def like_pd(pd: PD, kind: str, damping: float) -> Controller:
 
 
 SETTLE = 0.5
-"""Time for which a reference that starts at rest is held before a recording [s]."""
+"""Time for which a reference that starts at rest is held before a recording [s], and from whose recorded torque the
+start of an integrator is taken."""
 
 
 class Targets(NamedTuple):
@@ -313,9 +314,7 @@ class ControlLoop:
         self.controller, self._arm = controller, arm
         self._body = RigidBody(arm)
         self._period = 1.0 / controller.rate
-        self._limit: np.ndarray | float = (
-            np.inf if arm.torque_limit is None else arm.torque_limit
-        )
+        self._limit = np.inf if arm.torque_limit is None else arm.torque_limit
         self.integral = np.zeros(arm.n_joints)
 
     def __call__(self, commands: Targets, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -363,17 +362,13 @@ class ControlLoop:
 # What the integrator of a controller held when a recording with its torque began.
 
 
-START = 0.5
-"""Span from whose recorded torque the start of an integrator is taken [s]."""
-
-
 def integral_at_start(
     recording: Recording, controller: Controller, targets: Targets
 ) -> np.ndarray:
     """Torque of the integrator at the first row [N m], (n,).
 
-    The mean over ``START`` of what the law leaves of the recorded torque, less what the integrator has gained by then:
-    the noise of one row would push light joints away.
+    The mean over the first ``SETTLE`` of what the law leaves of the recorded torque, less what the integrator has
+    gained by then: the noise of one row would push light joints away.
 
     Args:
         recording: without gaps, with its torque.
@@ -381,10 +376,10 @@ def integral_at_start(
         targets: at its ticks from the first row on.
     """
     t = recording.t - recording.t[0]
-    part = recording.part(t <= START)
+    part = recording.part(t <= SETTLE)
     assert part.tau is not None
     # the command at each row is that of the last tick before it
-    target = targets.at((t[t <= START] * controller.rate + 1e-6).astype(int))
+    target = targets.at((t[t <= SETTLE] * controller.rate + 1e-6).astype(int))
     dq = np.gradient(part.q, part.t, axis=0) if part.dq is None else part.dq
     error, rate = target.q - part.q, target.dq - dq
     slope = controller.integration(error, rate)

@@ -64,14 +64,12 @@ class InputError(GapscopeError):
         self.where = where
         self.problem = message
         # the place first, as compilers write it
-        place = ", ".join(
-            part for part in (str(file) if file is not None else "", where) if part
-        )
+        place = ", ".join(map(str, filter(None, (file, where))))
         super().__init__(f"{place}: {message}" if place else message, remedy)
 
     def at(self, file: Path | None, where: str = "") -> InputError:
         """The same error with the file at fault, and the place in it before what it says itself."""
-        place = ", ".join(part for part in (where, self.where) if part)
+        place = ", ".join(filter(None, (where, self.where)))
         return InputError(self.problem, self.remedy, file=file, where=place)
 
 

@@ -229,7 +229,7 @@ def coupled(
 
 
 def coupling_of_transmission(
-    transmission: np.ndarray, signs: np.ndarray | float = 1.0
+    transmission: np.ndarray, signs: np.ndarray | float
 ) -> np.ndarray:
     """The matrix D of motor speeds w = D dq [1], (n, n), from R of q_motor = R q_joint, (n, n), and the log's signs.
 

@@ -23,6 +23,8 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording, set_points
 from gapscope.arm.robots import shifted_arm
 
+PARTS = ("motion", "torque", "sensor")
+"""Attributes of a reading that are columns."""
 COLUMNS = {"tau": "torque", "tau_sensor": "sensor"}
 """Which columns of a reading are those of a channel; of all others the motion's."""
 
@@ -108,8 +110,7 @@ class Columns:
         source = list(self.source)
         # most readings keep the order: no copy is made
         in_order = source == list(range(series.shape[1]))
-        columns = series if in_order else series[:, source]
-        out = columns * np.array(self.factor)
+        out = (series if in_order else series[:, source]) * np.array(self.factor)
         return out + np.array(self.offset) if position else out
 
     def then(self, other: Columns) -> Columns:
@@ -188,15 +189,9 @@ class Reading:
     @classmethod
     def identity(cls, n: int, **changed: Any) -> Reading:
         """Everything as it is recorded, but for what is given."""
-        same, ones = Columns.identity(n), (1.0,) * n
-        usual = {
-            "motion": same,
-            "torque": same,
-            "sensor": same,
-            "kp_factor": ones,
-            "kd_factor": ones,
-        }
-        return cls(**{**usual, **changed})
+        usual: dict[str, Any] = dict.fromkeys(PARTS, Columns.identity(n))
+        usual |= dict.fromkeys(("kp_factor", "kd_factor"), (1.0,) * n)
+        return cls(**(usual | changed))
 
     def differs(self, *names: str) -> bool:
         """Whether any of some attributes changes anything."""
@@ -283,8 +278,7 @@ class Reading:
         Raises:
             InputError: a list has not one value per joint, or columns are no order of the joints.
         """
-        parts = ("motion", "torque", "sensor")
-        columns = {key: Columns.from_mend(section, key, n, file) for key in parts}
+        columns = {key: Columns.from_mend(section, key, n, file) for key in PARTS}
         numbers = {
             name: float(section[key][entry])
             for (key, entry), name in IN_MEND.items()
@@ -300,13 +294,8 @@ class Reading:
 
     def to_mend(self) -> dict[str, Any]:
         """As the ``mend:`` part of an import section, without what changes nothing or cannot be said there."""
-        said: dict[str, dict[str, Any]] = {
-            "time": {},
-            "motion": self.motion.to_mend(),
-            "torque": self.torque.to_mend(),
-            "sensor": self.sensor.to_mend(),
-            "reference": {},
-        }
+        columns = {key: getattr(self, key).to_mend() for key in PARTS}
+        said: dict[str, dict[str, Any]] = {"time": {}, **columns, "reference": {}}
         for (key, entry), name in IN_MEND.items():
             if self.differs(name):
                 said[key][entry] = getattr(self, name)
@@ -385,26 +374,22 @@ class Reading:
         recording = recording if points is None else points.smooth(recording)
         recording = advanced(recording, self.torque_delay, self.torque_drift)
         # kp (q_ref - q) + kd (dq_ref - dq) as the torque of joints whose gains gave it
-        known = (recording.q_ref, recording.dq, recording.tau)
-        at_work = {j: gains for j, gains in enumerate(self.law) if gains is not None}
-        if at_work and all(series is not None for series in known):
+        known = {"q_ref", "dq", "tau"} <= recording.channels.keys()
+        if any(self.law) and known:
             q_ref, dq_ref = references(recording, "unmeasured_torque")
-            tau, rate = np.array(recording.tau), np.asarray(recording.dq)
-            # only of joints whose recorded torque was none
-            for j, (kp, kd) in at_work.items():
-                error = (q_ref - recording.q)[:, j]
-                tau[:, j] = kp * error + kd * (dq_ref - rate)[:, j]
+            error, rate = q_ref - recording.q, dq_ref - np.asarray(recording.dq)
+            tau = np.array(recording.tau)
+            for j, gains in enumerate(self.law):
+                # only of joints whose recorded torque was none
+                if gains is not None:
+                    tau[:, j] = gains[0] * error[:, j] + gains[1] * rate[:, j]
             recording = replace(recording, tau=tau)
         # last: a gravity torque is added to what is right already
         if not self.gravity or recording.tau is None:
             return recording
         # of a torque without gravity, as UR's ``actual_current_as_torque``
         assert arm is not None
-        body, still = (
-            RigidBody(arm).carrying(recording.payload),
-            np.zeros_like(recording.q),
-        )
-        weight = body.inverse_dynamics(recording.q, still, still)
+        weight = RigidBody(arm).carrying(recording.payload).gravity_torque(recording.q)
         return replace(recording, tau=recording.tau + self.gravity * weight)
 
     def arm(self, arm: NominalArm) -> NominalArm:
@@ -457,8 +442,13 @@ def advanced(recording: Recording, delay: float, drift: float = 0.0) -> Recordin
             "check the delay under import.mend.torque, in s",
             file=recording.name,
         )
-    shifted = [np.interp(due[inside], t, column) for column in recording.tau.T]
-    return replace(recording.part(inside), tau=np.column_stack(shifted))
+    tau = interpolated(due[inside], t, recording.tau)
+    return replace(recording.part(inside), tau=tau)
+
+
+def interpolated(at: np.ndarray, t: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """A series (N, n) of times t at other times [s], (M,), linear between samples and constant beyond; (M, n)."""
+    return np.column_stack([np.interp(at, t, column) for column in series.T])
 
 
 def references(recording: Recording, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -515,6 +505,5 @@ def at_pace(recording: Recording, factor: float) -> Recording:
     for channel, times in (("q_ref", 1.0), ("dq_ref", factor)):
         series = getattr(recording, channel)
         if series is not None:
-            columns = [np.interp(reached[inside], t, column) for column in series.T]
-            changed[channel] = times * np.column_stack(columns)
+            changed[channel] = times * interpolated(reached[inside], t, series)
     return replace(recording.part(inside), **changed)

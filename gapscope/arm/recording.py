@@ -172,8 +172,8 @@ def _frozen(value: Any) -> np.ndarray:
 
 MOST = 0.9
 """Share of the samples, or of what lies between them, that is most of them [1]."""
-WHOLE = 0.05
-"""A change is a whole number of steps if it differs from one by less [1]..."""
+WHOLE = (1 - MOST) / 2
+"""A change is a whole number of steps if it differs from one by less [1]: by chance so few do that most do not."""
 NOTED = 0.01
 """Steps are noted whose rounding, step / sqrt 12, exceeds this share of the torque's deviation [1]."""
 
@@ -217,7 +217,7 @@ def _step(series: np.ndarray) -> float:
 
 
 STUCK_TIME = 0.2
-"""Any value that is kept for less is left as it is [s]: slow updates and coarse steps do that."""
+"""Any value, of a position too, that is kept for less is left as it is [s]: slow updates and coarse steps do that."""
 CLIPPED_RATIO = 5.0
 """A limit was reached if the longest time at the largest or least value is so many times as long as usual [1]."""
 STUCK_RATIO = 10.0
@@ -277,8 +277,8 @@ def _held(t: np.ndarray, q: np.ndarray, series: np.ndarray) -> np.ndarray:
     clipped, stuck = held = np.zeros((2, len(series)), dtype=bool)
     starts, stops = kept_values(series)
     lengths = stops - starts
-    # most torques never keep a value for three rows
-    if min(lengths.max(initial=0), len(lengths)) < 3:
+    # most torques keep no value for long, however short it usually lasts; one that has two values is a switch
+    if lengths.max(initial=0) <= CLIPPED_RATIO or len(lengths) <= 2:
         return held
     # a limit keeps its values: they say nothing of how long one usually lasts
     extreme = np.isin(series[starts], (series.min(), series.max()))
@@ -370,22 +370,17 @@ def set_points(recording: Recording) -> SetPoints | None:
     step = np.diff(recording.q_ref, axis=0)
     # all joints of a controller have their set points in the same rows
     changed = np.flatnonzero(step.any(axis=1)) + 1
-    if _every(changed) is not None and not _quantised(step):
-        return _regular("held", changed)
+    every = _every(changed)
+    if every is not None and not _quantised(step):
+        return SetPoints("held", changed, every)
     # a straight line has no second difference but for rounding, its corners have
-    bend = np.abs(np.diff(step, axis=0)) / np.maximum(
-        np.ptp(recording.q_ref, axis=0), np.finfo(float).eps
-    )
-    most = bend.max(axis=1)
+    travel = np.maximum(np.ptp(recording.q_ref, axis=0), np.finfo(float).eps)
+    most = (np.abs(np.diff(step, axis=0)) / travel).max(axis=1)
     # so many corners there have to be: the smallest of them
     plain = np.sort(most)[-SET_POINT_LEAST]
     corners = np.flatnonzero(most > CORNER_SHARE * plain) + 1
-    return _regular("interpolated", corners)
-
-
-def _regular(variant: str, rows: np.ndarray) -> SetPoints | None:
-    every = _every(rows)
-    return None if every is None else SetPoints(variant, rows, every)
+    every = _every(corners)
+    return None if every is None else SetPoints("interpolated", corners, every)
 
 
 def _every(rows: np.ndarray) -> int | None:
@@ -396,12 +391,9 @@ def _every(rows: np.ndarray) -> int | None:
     every = int(np.median(distance))
     # longer distances are rests, in which nothing changes
     moving = distance[distance < 4 * every]
-    near = np.abs(moving - every) <= 1
     # of two rows, one more or less would be anything
-    regular = near & (moving > 1)
-    if every < 2 or regular.mean() < MOST:
-        return None
-    return every
+    regular = (np.abs(moving - every) <= 1) & (moving > 1)
+    return every if every >= 2 and regular.mean() >= MOST else None
 
 
 def _quantised(step: np.ndarray) -> bool:

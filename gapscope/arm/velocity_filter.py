@@ -136,14 +136,9 @@ def rule_of(recording: Recording, controller: Controller) -> str:
 
     A rule that would be unstable at this rate and cut-off cannot be the controller's.
     """
-    too_short = recording.duration < 3 * SETTLING
-    # too short for the filter to forget its start, or too slow for its cut-off
-    if (
-        recording.dq is None
-        or controller.velocity_cutoff is None
-        or too_short
-        or recording.rate < 20.0
-    ):
+    cutoff, too_short = controller.velocity_cutoff, recording.duration < 3 * SETTLING
+    # too short for the filter to forget its start
+    if recording.dq is None or cutoff is None or too_short:
         return "bilinear"
     h = 1.0 / controller.rate
     # at the ticks of the controller, of which a recording may hold some only
@@ -153,9 +148,7 @@ def rule_of(recording: Recording, controller: Controller) -> str:
     settled = recording.t > recording.t[0] + SETTLING
     mean_square = {}
     for name, rule in RULES.items():
-        gains = rule(
-            controller.rate, controller.velocity_cutoff, controller.velocity_damping
-        )
+        gains = rule(controller.rate, cutoff, controller.velocity_damping)
         if not stable(gains):
             continue
         b0, b1, b2, a1, a2 = gains

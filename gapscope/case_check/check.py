@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from itertools import combinations
@@ -21,6 +22,7 @@ from gapscope.arm.io.json_file import plain
 from gapscope.arm.io.log import READERS, open_log
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import CHANNELS, STILL, Recording, resting, slow_words
+from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.document.wording import in_text, with_slide_units
 from gapscope.diagnosis.prepare import Progress, silent, with_torque
 from gapscope.diagnosis.selection.search import could_show
@@ -78,10 +80,8 @@ def check_recordings(case: Case) -> Iterator[Remark]:
     """Number, length, channels, time stamps and copies of the recordings."""
     every = [*case.recordings, *case.judged]
     seconds = sum(recording.duration for recording in case.recordings)
-    said, remedy = (
-        f"{len(case.recordings)} to fit, {seconds:.0f} s in all; {len(case.judged)} held out",
-        "",
-    )
+    said = f"{len(case.recordings)} to fit, {seconds:.0f} s in all; {len(case.judged)} held out"
+    remedy = ""
     if seconds < SHORT_DURATION:
         remedy = "record at least a minute in which all joints move, slowly and fast"
     elif len(every) == 1:
@@ -89,14 +89,13 @@ def check_recordings(case: Case) -> Iterator[Remark]:
         remedy = "add a recording of another motion, or name one in judge:, so that effects are confirmed on other data"
     yield _remark("recordings", "", said, remedy)
     # channels that some of them have
-    counts = {
-        name: sum(getattr(recording, name) is not None for recording in every)
-        for name in CHANNELS
-    }
+    counts = Counter(name for recording in every for name in recording.channels)
     parts = [
-        name if count == len(every) else f"{name} (in {count} of {len(every)})"
-        for name, count in counts.items()
-        if count
+        name
+        if counts[name] == len(every)
+        else f"{name} (in {counts[name]} of {len(every)})"
+        for name in CHANNELS
+        if counts[name]
     ]
     said, remedy = f"read: t, {', '.join(parts)}", ""
     with_torque = sum(recording.tau is not None for recording in case.recordings)
@@ -120,16 +119,14 @@ def check_recordings(case: Case) -> Iterator[Remark]:
             yield Remark("warn", "recordings", recording.name, note)
         # joints whose columns are the very same
         for name in ("q", "tau"):
-            series = getattr(recording, name)
-            if series is None:
-                continue
-            for first, second in combinations(range(recording.n_joints), 2):
-                same = np.abs(series[:, first] - series[:, second]).max() < SAME
-                if same and np.ptp(series[:, first]) > SAME:
+            columns = getattr(recording, name)
+            numbered = enumerate(() if columns is None else columns.T, 1)
+            for (j, first), (k, second) in combinations(numbered, 2):
+                if np.abs(first - second).max() < SAME < np.ptp(first):
                     yield _remark(
                         "channels",
                         recording.name,
-                        f"{name}{first + 1} and {name}{second + 1} are the same column",
+                        f"{name}{j} and {name}{k} are the same column",
                         f"correct import: {{{name}: ...}}",
                     )
         yield from _velocity(recording)
@@ -155,14 +152,12 @@ def _velocity(recording: Recording) -> Iterator[Remark]:
     if recording.dq is None or len(recording.t) < 3:
         return
     rate = np.gradient(recording.q, recording.t, axis=0)
-    power = (rate**2).sum(axis=0)
     moving = np.ptp(recording.q, axis=0) > STILL
-    gain = (recording.dq * rate).sum(axis=0) / np.where(moving, power, 1.0)
-    size = np.sqrt((recording.dq**2).sum(axis=0) / np.where(moving, power, 1.0))
+    power = np.where(moving, (rate**2).sum(axis=0), 1.0)
+    gain = (recording.dq * rate).sum(axis=0) / power
+    size = np.sqrt((recording.dq**2).sum(axis=0) / power)
     # noise of a differentiated encoder lowers the gain, not the size of a velocity in another unit
-    other = (
-        moving & (np.abs(size - 1) > VELOCITY_GAIN) & (np.abs(gain - 1) > VELOCITY_GAIN)
-    )
+    other = moving & (np.abs([size - 1, gain - 1]).min(axis=0) > VELOCITY_GAIN)
     if other.any():
         worst = int(np.abs(np.where(other, size - 1, 0.0)).argmax())
         yield Remark(
@@ -181,7 +176,7 @@ def _reference(recording: Recording) -> Iterator[Remark]:
         return
     # over the joint's own range: a short motion is held to a short error
     range_ = np.ptp(recording.q, axis=0)
-    error = np.sqrt(np.mean((recording.q_ref - recording.q) ** 2, axis=0))
+    error = rms(recording.q_ref - recording.q)
     off = (range_ > FOLLOWED) & (error > REFERENCE_ERROR * range_)
     if off.any():
         yield Remark(
@@ -291,7 +286,7 @@ def _silent(
         for s in segments
     )
     rows = np.vstack([regressor.matrix(motion) for motion in inner])
-    torque = np.sqrt(np.mean((rows @ columns.body.inertial_parameters()) ** 2, axis=0))
+    torque = rms(rows @ columns.body.inertial_parameters())
     # a joint that nothing loads has no torque to compare with
     least = MIN_LOAD * torque.max()
     rows = rows[:, :, base.kept] * scale / np.maximum(torque, least)[:, None]
@@ -310,18 +305,16 @@ def _silent(
 
 def _gravity(body: RigidBody, q: np.ndarray) -> np.ndarray:
     """Range of the gravity torque over positions, (n,)."""
-    still = np.zeros_like(q)
-    return np.ptp(body.inverse_dynamics(q, still, still), axis=0)
+    return np.ptp(body.gravity_torque(q), axis=0)
 
 
 def _reversals(segments: Sequence[Segment], per_radian: np.ndarray) -> np.ndarray:
     """Changes of direction between sliding samples of each joint, shape (n,)."""
     counts = np.zeros(len(per_radian), dtype=int)
     for segment in segments:
-        velocity = segment.motion.dq / per_radian
-        for j in range(len(counts)):
-            direction = np.sign(velocity[np.abs(velocity[:, j]) > SLIDING, j])
-            counts[j] += int((np.diff(direction) != 0).sum())
+        for j, velocity in enumerate((segment.motion.dq / per_radian).T):
+            direction = np.sign(velocity[np.abs(velocity) > SLIDING])
+            counts[j] += np.count_nonzero(np.diff(direction))
     return counts
 
 
@@ -337,10 +330,8 @@ def check_nominal(case: Case, body: RigidBody) -> Iterator[Remark]:
         ", ".join(f"{value:.3g}" for value in values)
         for values in (arm.coulomb, arm.viscous)
     )
-    said, remedy = (
-        f"coulomb {coulomb} N m, viscous {viscous} N m s/rad, from {arm.friction_source}",
-        "",
-    )
+    said = f"coulomb {coulomb} N m, viscous {viscous} N m s/rad, from {arm.friction_source}"
+    remedy = ""
     alike = np.ptp(arm.coulomb) == 0 and np.ptp(arm.viscous) == 0
     if not arm.friction_source:
         said = "no friction is stated: all of it will be found as an effect"
@@ -382,10 +373,8 @@ def check_controller(case: Case) -> Iterator[Remark]:
 def check_ranges(case: Case, body: RigidBody) -> Iterator[Remark]:
     """Positions within the limits of the model; what leaves them was noted as the recording was read."""
     lower, upper = body.position_limits()
-    every = [*case.recordings, *case.judged]
-    lowest = np.min([recording.q.min(axis=0) for recording in every], axis=0)
-    highest = np.max([recording.q.max(axis=0) for recording in every], axis=0)
-    outside = (lowest < lower - 0.1) | (highest > upper + 0.1)
+    q = np.vstack([recording.q for recording in (*case.recordings, *case.judged)])
+    outside = (q.min(axis=0) < lower - 0.1) | (q.max(axis=0) > upper + 0.1)
     if outside.any():
         remedy = "check unit, zero and order of the joints in import:"
         said, where = "beyond the limits of the model", _joints_of(outside)
@@ -478,7 +467,7 @@ def check_case(path: Path, progress: Progress = silent) -> dict[str, Any]:
             "duration": recording.duration,
             "rate": recording.rate,
             "samples": len(recording.t),
-            "channels": [x for x in CHANNELS if getattr(recording, x) is not None],
+            "channels": list(recording.channels),
             "held_out": held_out,
         }
         for held_out, group in groups
@@ -629,8 +618,7 @@ def _read(path: Path) -> tuple[Case | None, list[Remark]]:
 
 
 def _as_remark(error: GapscopeError, topic: str) -> Remark:
-    said = str(error).split("\n  remedy: ")[0]
-    return Remark("error", topic, "", said, error.remedy)
+    return Remark("error", topic, "", error.message, error.remedy)
 
 
 def _segments(case: Case, cutoff: float) -> Iterator[Segment]:

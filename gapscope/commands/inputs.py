@@ -10,8 +10,8 @@ from gapscope.arm.case import Case, case_files, file_names, load_case
 from gapscope.arm.control import LAWS
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import is_folder, real_path
-from gapscope.arm.io.case_file import read_controller
+from gapscope.arm.input_file import real_path
+from gapscope.arm.io.case_file import is_case, read_controller
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.table import DAMAGED, PAUSE
 from gapscope.arm.io.write_case import is_used
@@ -21,11 +21,6 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.interface.models import check_recording
 from gapscope.terminal import note
-
-
-def is_case(path: Path) -> bool:
-    """Whether a path names a case: a folder, or a YAML file."""
-    return is_folder(path) or path.suffix in (".yaml", ".yml")
 
 
 def read_arm(robot: str) -> NominalArm:

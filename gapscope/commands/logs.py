@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
+from gapscope.arm.errors import InputError
 from gapscope.commands.options import AsJson, CasePath, Folder
 from gapscope.terminal import Progress, say, show, wrote
 
@@ -41,10 +42,6 @@ def inspect(
     show(result, *written)
 
 
-CANNOT = 2
-"""Exit code if the case cannot be diagnosed."""
-
-
 def check(
     case: CasePath,
     *,
@@ -56,8 +53,9 @@ def check(
     with Progress(case.name or str(case)) as progress:
         result = check_case(case, progress=progress)
     show(result, as_json=json_)
+    # as bad input ends every command
     if not result.can_be_diagnosed:
-        raise typer.Exit(CANNOT)
+        raise typer.Exit(InputError.exit_code)
 
 
 def audit(

@@ -28,7 +28,6 @@ from gapscope.terminal import Progress, note, say, show, wrote
 
 PACE = 1.0
 """Least time between two lines of progress [s]."""
-GIGABYTE = 1e9
 
 
 def rehearse(
@@ -95,6 +94,8 @@ def fleet(
         scratch: folder for cases while they are diagnosed
         tries: times that a case is begun if its workers die
     """
+    from scipy.constants import giga
+
     from gapscope.many.fleet import DOCUMENT, PAGE, fleet
 
     with Progress("fleet") as progress:
@@ -107,7 +108,7 @@ def fleet(
             again=again,
             keep=keep,
             units_by=units_by,
-            largest=int(largest * GIGABYTE),
+            largest=int(largest * giga),
             scratch=scratch,
             tries=tries,
         )

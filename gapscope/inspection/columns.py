@@ -170,9 +170,9 @@ def position_unit(name: str, positions: np.ndarray, moved: float | None) -> Gues
             f"whole numbers up to {reach:.4g}: of {STEPS_PER_TURN} steps a turn",
         )
     reason = f"it reaches {reach:.3g}: the motor's side, or counts of an encoder"
-    return "rad", reason + (
-        "" if moved is None else f"; velocity is {moved:.3g} of its derivative"
-    )
+    if moved is not None:
+        reason += f"; velocity is {moved:.3g} of its derivative"
+    return "rad", reason
 
 
 def velocity_unit(name: str, angle: str, moved: float | None) -> Guess:
@@ -189,15 +189,12 @@ def velocity_unit(name: str, angle: str, moved: float | None) -> Guess:
     same = {"rad": "rad/s", "deg": "deg/s", "rev": "rpm", "step": "step/s"}[angle]
     if moved is None:
         return same, "taken as that of the position; it does not follow its derivative"
+    why = f"it is {moved:.3g} times the derivative of the position"
     # the unit in which the velocity is the derivative of the position
-    fitting = {unit: abs(moved * UNITS[unit] / UNITS[angle] - 1) for unit in SPEEDS}
-    best = min(fitting, key=lambda unit: fitting[unit])
-    if fitting[best] < ALIKE:
-        return best, f"it is {moved:.3g} times the derivative of the position"
-    return (
-        same,
-        f"it is {moved:.3g} times the derivative of the position, as no unit has it",
+    off, best = min(
+        (abs(moved * UNITS[unit] / UNITS[angle] - 1), unit) for unit in SPEEDS
     )
+    return (best, why) if off < ALIKE else (same, f"{why}, as no unit has it")
 
 
 def derivative_ratio(
@@ -386,16 +383,14 @@ def _readings(name: str, joints: Sequence[str]) -> list[tuple[str, str]]:
             return [(name.replace(joint, "{joint}", 1), joint)]
     # position[joint_1.x]: what stands before the dot is the joint
     field = _FIELD.match(name)
+    matches = [form.match(name) for form in (_BRACKETED, _NUMBERED, _DOTTED)]
     if field and meaning_of(field["field"]).quantity:
-        start, end = field.span("label")
-        return [(f"{name[:start]}{{joint}}{name[end:]}", field["label"])]
-    found = []
-    for form in (_BRACKETED, _NUMBERED, _DOTTED):
-        match = form.match(name)
-        if match:
-            start, end = match.span("label")
-            found.append((f"{name[:start]}{{joint}}{name[end:]}", match["label"]))
-    return found
+        matches = [field]
+    return [
+        (f"{name[: m.start('label')]}{{joint}}{name[m.end('label') :]}", m["label"])
+        for m in matches
+        if m
+    ]
 
 
 def _counted(pattern: str, labels: tuple[str, ...]) -> str:
@@ -527,11 +522,8 @@ def runs_forward(stamps: np.ndarray) -> bool:
 def counts_rows(stamps: np.ndarray) -> bool:
     """Whether a column counts rows: whole numbers that rise by one."""
     step = np.diff(stamps)
-    return (
-        bool(len(step))
-        and float(np.median(step)) == 1.0
-        and bool((step == np.round(step)).all())
-    )
+    whole = bool(len(step)) and bool((step == np.round(step)).all())
+    return whole and float(np.median(step)) == 1.0
 
 
 # Which columns are which channel of a recording.
@@ -777,18 +769,18 @@ def columns_by_values(
 
 def _times(numbers: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns that rise in even steps, the one to read the time from first, and what rises in proportion to it."""
-    uneven = {}
+    even = {}
     for name, x in numbers.items():
         if np.isfinite(x).all() and runs_forward(x):
             step = np.diff(x)
             usual = float(np.median(step))
             # sums of steps: rows that were lost make a few large ones
-            small = np.minimum(np.abs(step - usual), usual)
-            uneven[name] = float(small.mean()) / usual if usual > 0 else np.inf
-    even = [name for name in uneven if uneven[name] < UNEVEN]
+            uneven = float(np.minimum(np.abs(step - usual), usual).mean())
+            if uneven < UNEVEN * usual:
+                even[name] = uneven / usual
     if not even:
         return {}
-    first = numbers[min(even, key=uneven.__getitem__)]
+    first = numbers[min(even, key=lambda name: even[name])]
     alike = [x for x in even if np.corrcoef(numbers[x], first)[0, 1] > PROPORTIONAL]
     # the number of a row says less than a stamp
     alike.sort(key=lambda name: counts_rows(numbers[name]))
@@ -966,18 +958,14 @@ class _Blocks:
     ) -> list[_Block]:
         """Positions, velocities and accelerations of measured motion and of references."""
         # a derivative of another block is no position
-        derivatives = {other for _, other in pairs}
-        positions = list(
-            dict.fromkeys(one for one, _ in pairs if one not in derivatives)
-        )
+        positions = {one for one, _ in pairs} - {other for _, other in pairs}
         if not positions:
             return []
         measured, references = self._measured(sorted(positions))
-        limits = ", and stays within the limits of the robot"
         why = "its derivative is in the log"
-        why += limits if self._within_limits(measured) else ""
-        found = [_Block("position", measured, why)]
-        found += references
+        if self._within_limits(measured):
+            why += ", and stays within the limits of the robot"
+        found = [_Block("position", measured, why), *references]
         own = [other for one, other in pairs if one == measured]
         velocity, _ = self._measured(sorted(own))
         for other in own:
@@ -1040,13 +1028,13 @@ class _Blocks:
             return noise[0] < noise[1], "like what was measured, and smoother"
         # by how many rows a block comes after another of the same quantity; 0 if it does not follow it
         lags = []
-        for a, b in zip(one, other, strict=True):
-            slope = np.gradient(self.values[:, a])
-            error = self.values[:, b] - self.values[:, a]
-            error, slope = error - error.mean(), slope - slope.mean()
+        for a, b in zip(
+            self.values.T[list(one)], self.values.T[list(other)], strict=True
+        ):
+            slope = np.gradient(a) - np.gradient(a).mean()
             if (slope @ slope) > 0:
                 # late by d rows: the error is -d times the slope
-                lags.append(-float(error @ slope) / float(slope @ slope))
+                lags.append(slope @ (a - b) / (slope @ slope))
         ahead = bool(lags) and float(np.median(lags)) > 0
         return ahead, "like what was measured, and ahead of it"
 
@@ -1078,13 +1066,13 @@ class _Blocks:
         why = "the smoothest columns"
         if inside:
             why += " that stay within the limits of the robot"
-        alike = [w for w in moving if not set(w) & set(best) and self._like(best, w)]
+        alike = [best]
         # windows of which none overlaps one before it
-        kept: list[tuple[int, ...]] = []
-        for window in alike:
-            if not any(set(window) & set(other) for other in kept):
-                kept.append(window)
-        measured, references = self._measured(sorted([best, *kept]))
+        for window in moving:
+            apart = not set(window) & {place for other in alike for place in other}
+            if apart and self._like(best, window):
+                alike.append(window)
+        measured, references = self._measured(sorted(alike))
         why += "; no column is their derivative"
         return [_Block("position", measured, why), *references]
 
@@ -1103,8 +1091,8 @@ class _Blocks:
             windows += [order[s : s + n] for s in range(begin, end - n + 1, n)]
         position = found[0].places
         # what has two values is a switch
-        values = [len(np.unique(column)) for column in self.values.T]
-        moving = [w for w in windows if max(values[place] for place in w) > 2]
+        several = np.array([len(np.unique(x)) > 2 for x in self.values.T])
+        moving = [w for w in windows if several[list(w)].any()]
         # a torque moves the arm or follows from its motion
         moving.sort(key=lambda window: -self._explained(position, window))
         return [self._other(window, position) for window in moving]

@@ -211,13 +211,11 @@ def _multiples(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator
         factors = (values * source).sum(axis=0) / np.where(power > 0, power, np.nan)
         # so written that a joint without power, whose factor is none, is no multiple
         if (rms(values - factors * source) <= EXACT * values.std(axis=0)).all():
-            listed = ", ".join(f"{factor:.4g}" for factor in factors)
-            same = np.allclose(factors, 1.0, atol=EXACT)
-            yield (
-                f"it equals {other.group.pattern}"
-                if same
-                else f"it is {other.group.pattern} times {listed}"
-            )
+            said = f"it equals {other.group.pattern}"
+            if not np.allclose(factors, 1.0, atol=EXACT):
+                listed = ", ".join(f"{factor:.4g}" for factor in factors)
+                said = f"it is {other.group.pattern} times {listed}"
+            yield said
 
 
 def usable(values: np.ndarray) -> bool:
@@ -323,9 +321,7 @@ def _copies(by_name: Mapping[str, ColumnGroup]) -> Iterator[tuple[str, str]]:
     for name in ("q", "dq"):
         one, other = by_name.get(name), by_name.get(f"{name}_ref")
         # where the arm stands a copy says nothing
-        if one is None or other is None or not moving[name]:
-            continue
-        if np.array_equal(one.values, other.values):
+        if one and other and moving[name] and np.array_equal(one.values, other.values):
             yield (
                 f"{one.pattern} and {other.pattern} are the same numbers: one of them is a copy",
                 "a copied reference says nothing of the arm; leave it out (null)",
@@ -468,10 +464,8 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     if times:
         sources[TIME] = times
     # one entry for each recording, with a table of each kind
-    entries = [
-        {label: kind[number] for label, kind in sources.items()}
-        for number in range(len(main))
-    ]
+    kinds_of_all = zip(*sources.values(), strict=True)
+    entries = [dict(zip(sources, each, strict=True)) for each in kinds_of_all]
     # what each torque column can be by the log alone
     for label, table in entries[0].items():
         channels = [
@@ -539,9 +533,8 @@ def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> Iterator[Re
             yield note(table.label, why)
         yield from (note(table.label, said) for said in table.part.notes)
     used = {table.log.path for table in tables}
-    for log in logs:
-        if log.path not in used:
-            yield note(log.path.name, "holds no numbers of joints")
+    unused = (log.path.name for log in logs if log.path not in used)
+    yield from (note(name, "holds no numbers of joints") for name in unused)
 
 
 def _arm_of_columns(arm: NominalArm, group: ColumnGroup) -> NominalArm:
@@ -558,17 +551,14 @@ def _other_columns(
     table: InspectedTable, group: ColumnGroup, arm: NominalArm
 ) -> list[Remark]:
     """A note if a log has more positions than the robot has joints, and their order alone says which are taken."""
-    n, left = arm.n_joints, ""
+    n, which = arm.n_joints, f"taken: {span_of(group.names)}"
+    left = table.of_another_arm(group.names, n) if group.width == n else ""
     if group.width > n and not set(arm.joints) <= set(group.labels):
         left = f"{group.pattern} has {group.width} columns, the robot {n} joints"
-    elif group.width == n:
-        left = table.of_another_arm(group.names, n)
+        others = ", ".join(group.labels[n:])
+        which = f"taken: the first, {span_of(group.labels[:n])}; {others} left out"
     if not left:
         return []
-    taken, others = group.labels[:n], group.labels[n:]
-    which = f"taken: the first, {span_of(taken)}; {', '.join(others)} left out"
-    if not others:
-        which = f"taken: {span_of(group.names)}"
     said = f"{left}; {which}; for another arm or order list its columns in the case"
     return [note(table.label, said)]
 
@@ -589,21 +579,17 @@ def told_load(table: InspectedTable, arm: NominalArm) -> tuple[KnownLoad, str] |
         # a load of no mass, or one that changes within the recording, is no known load
         if not mass > 0 or np.ptp(values, axis=0).any():
             continue
-        why = f"told to the robot ({place['mass']}, {place['com']}), its centre in "
-        frames = [
-            frame
-            for frame in read_frames(RigidBody(arm)).values()
-            if frame.joint == arm.joints[-1]
-            and frame.name.endswith(tuple(place["frames"]))
-        ]
-        # from the link that the log means into the frame of the last joint
-        if frames:
-            centre = frames[0].position + frames[0].rotation @ centre
-            why += f"the frame of {frames[0].name}"
-        else:
-            why += "the flange's frame, which the robot file does not have: correct com"
+        where = "the flange's frame, which the robot file does not have: correct com"
+        for frame in read_frames(RigidBody(arm)).values():
+            meant = frame.name.endswith(tuple(place["frames"]))
+            if meant and frame.joint == arm.joints[-1]:
+                # from the link that the log means into the frame of the last joint
+                centre = frame.position + frame.rotation @ centre
+                where = f"the frame of {frame.name}"
+                break
         x, y, z = (round(float(value), 6) for value in centre)
-        return KnownLoad(mass, (x, y, z)), why
+        told = f"told to the robot ({place['mass']}, {place['com']}), its centre in"
+        return KnownLoad(mass, (x, y, z)), f"{told} {where}"
     return None
 
 
@@ -707,15 +693,14 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     if _renamed(found):
         listed = flow(list(found.chosen["q"][1].group.labels))
         yield f"joints: {listed}", "their names in the log, in the order of the robot's"
-    if len({table.log.path for table in found.sources.values()}) > 1:
+    sources = found.sources.values()
+    if len({table.log.path for table in sources}) > 1:
         # the same number of rows in all files: row by row, else by time
-        if len({len(table.part) for table in found.sources.values()}) == 1:
+        if len({len(table.part) for table in sources}) == 1:
             yield "join: row", "the files have as many rows"
         else:
-            yield (
-                "join: hold",
-                "the files differ in length: the last value before counts",
-            )
+            why = "the files differ in length: the last value before counts"
+            yield "join: hold", why
     for channel in CHANNELS:
         if channel in found.chosen:
             yield from _channel(found, channel, *found.chosen[channel])
@@ -754,8 +739,10 @@ def _channel(
         yield f"# {line}", f"left out: it is {values.flat[0]:g} throughout"
         yield null, ""
     elif guess.unit == "A":
-        remedy = "give the motor constants [N m/A] and gear ratios of the data sheet, and take the # away"
-        yield f"# {line}", remedy
+        yield (
+            f"# {line}",
+            "give the motor constants [N m/A] and gear ratios of the data sheet, and take the # away",
+        )
         yield null, guess.reason
     else:
         yield line, guess.reason
@@ -795,10 +782,8 @@ def _columns_entry(
     # the pattern only if it gives these very columns, and no more
     complete = group.width == found.arm.n_joints
     if group.by_name:
-        as_main = group.labels == found.chosen["q"][1].group.labels
-        complete = set(found.arm.joints) <= set(group.labels) or (
-            as_main and _renamed(found)
-        )
+        renamed = group.labels == found.chosen["q"][1].group.labels and _renamed(found)
+        complete = renamed or set(found.arm.joints) <= set(group.labels)
     return group.pattern if complete else names
 
 
@@ -842,9 +827,9 @@ def check_draft(found: Inspection) -> list[Remark]:
         recordings = _drafted(found).recordings
     except InputError as error:
         # the draft lies in a folder that is gone: names of files alone
-        file = error.file.name if error.file is not None else ""
-        said = ", ".join(filter(None, (file, error.where)))
-        said = f"{said}: {error.problem}" if said else error.problem
+        file = "" if error.file is None else error.file.name
+        place = ", ".join(filter(None, (file, error.where)))
+        said = ": ".join(filter(None, (place, error.problem)))
         return [Remark("error", "case", "the drafted case", said, error.remedy)]
     return [note(r.name, said) for r in recordings for said in r.notes]
 

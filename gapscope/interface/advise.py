@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import make_folder
+from gapscope.arm.io.table import numbered
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -34,7 +35,7 @@ from gapscope.ident.excitation.design import (
 )
 from gapscope.interface.diagnose import DiagnosisResult
 from gapscope.interface.models import make_arm
-from gapscope.interface.result import Result, channel_columns
+from gapscope.interface.result import Result
 from gapscope.reports.trajectory import check_csv, shown, summary, write_trajectory
 
 
@@ -85,10 +86,7 @@ class ExcitationResult(Result):
 
     def table(self) -> dict[str, np.ndarray]:
         """The columns t, q1.., dq1.., ddq1.., tau1.. (nominal torque)."""
-        motion, torque = self.excitation.motion, self.excitation.torque
-        return channel_columns(
-            motion.t, q=motion.q, dq=motion.dq, ddq=motion.ddq, tau=torque
-        )
+        return numbered({**vars(self.excitation.motion), "tau": self.excitation.torque})
 
 
 def excite(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -133,21 +134,15 @@ def kept_reference(
         return reference.file.parent, reference
     # a case is identified once for all cases, beside their results
     folder = out / FOLDER
-    earlier = _earlier(folder)
-    # the same files and the same program identify the same arm
-    if earlier is not None and earlier.made_from == made_from(reference):
-        return folder, earlier
+    # what an earlier run left may not be whole
+    with suppress(InputError):
+        earlier = read_reference(folder)
+        # the same files and the same program identify the same arm
+        if earlier.made_from == made_from(reference):
+            return folder, earlier
     found = identified(reference, progress)
     write_reference(found, folder)
     return folder, found
-
-
-def _earlier(folder: Path) -> KeptReference | None:
-    """What an earlier run identified; ``None`` if it left nothing whole."""
-    try:
-        return read_reference(folder)
-    except InputError:
-        return None
 
 
 @dataclass(frozen=True, repr=False)

@@ -14,7 +14,7 @@ from rich.console import RenderableType
 
 from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.log import Log, open_log
+from gapscope.arm.io.log import open_log
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.case_check.check import check_case
 from gapscope.diagnosis.agreement import agreement
@@ -130,8 +130,9 @@ def inspect(
     # a path is a sequence of letters, too
     paths = [logs] if isinstance(logs, (str, Path)) else logs
     opened = [open_log(path) for path in paths]
-    # a robot that is given counts more than one that a log describes
-    text = None if robot is not None else _description(opened)
+    described = [log.robot_description for log in opened if log.robot_description]
+    # a robot that is given counts more than one that a log describes; logs of one arm describe the same one
+    text = next(iter(described), None) if robot is None else None
     with TemporaryDirectory(prefix="gapscope_") as aside:
         given = robot
         # a robot is read from a file, which is needed no longer than that
@@ -148,13 +149,6 @@ def inspect(
         checked = check_draft(found)
     named = None if robot is None else str(robot)
     return InspectionResult(found, checked, named, text)
-
-
-def _description(logs: Sequence[Log]) -> str | None:
-    """The robot that a log describes, or ``None`` if none does."""
-    texts = (log.robot_description for log in logs)
-    # logs of one arm describe the same one
-    return next((text for text in texts if text is not None), None)
 
 
 class CheckResult(DocumentResult):

@@ -14,9 +14,10 @@ import numpy as np
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError, ModelWarning
-from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.atomic_write import make_folder
+from gapscope.arm.io.case_file import is_case
 from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.table import numbered
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nearest_name import nearest
 from gapscope.arm.nominal import NominalArm
@@ -37,7 +38,6 @@ from gapscope.interface.result import (
     DocumentResult,
     Result,
     TableResult,
-    channel_columns,
 )
 from gapscope.reports.gap import gap_document, gap_tables, replay_line
 
@@ -61,11 +61,9 @@ def make_arm(robot: str | Path | NominalArm | Case, **sheet: Any) -> NominalArm:
         >>> gapscope.make_arm("kuka_iiwa", coulomb=[1.0] * 7).n_joints
         7
     """
-    if isinstance(robot, (str, Path)):
-        path = Path(robot)
-        # all other endings are models of robots, or none and a known name
-        if path.suffix not in (".yaml", ".yml") and not is_folder(path):
-            return load_nominal_arm(robot, sheet=sheet)
+    # all other endings are models of robots, or none and a known name
+    if isinstance(robot, (str, Path)) and not is_case(Path(robot)):
+        return load_nominal_arm(robot, sheet=sheet)
     if sheet:
         raise InputError(
             "an arm or a case has its own data sheet",
@@ -211,7 +209,7 @@ class Prediction(TableResult):
 
     def table(self) -> dict[str, np.ndarray]:
         """The columns t, tau1..taun."""
-        return channel_columns(self.t, tau=self.tau)
+        return numbered({"t": self.t, "tau": self.tau})
 
 
 def predict(
@@ -280,7 +278,9 @@ class ReplayResult(TableResult):
 
     def table(self) -> dict[str, np.ndarray]:
         """The columns t, q1..qn, tau1..taun."""
-        return channel_columns(self.replay.t, q=self.replay.q, tau=self.replay.tau)
+        return numbered(
+            {name: getattr(self.replay, name) for name in ("t", "q", "tau")}
+        )
 
 
 def replay(

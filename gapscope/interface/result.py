@@ -17,7 +17,6 @@ from gapscope.arm.io.json_file import write_json
 from gapscope.arm.io.write_case import write_columns
 
 if TYPE_CHECKING:
-    import numpy as np
     import pandas as pd
 
 SCREEN = 24
@@ -144,18 +143,3 @@ class TableResult(Result):
     def write(self, file: Path) -> None:
         """Write one CSV, Parquet or NPZ file; raises ``GapscopeError`` if it cannot be written."""
         write_columns({name: x.to_numpy() for name, x in self.to_frame().items()}, file)
-
-
-def channel_columns(t: np.ndarray, **channels: np.ndarray) -> dict[str, np.ndarray]:
-    """Time and channels as columns ``t``, ``q1``..``qn``, ...
-
-    Args:
-        t: time [s], (N,).
-        channels: by name, (N, n) each.
-    """
-    # one column for each joint, as files of recordings have them
-    columns = {"t": t}
-    for name, values in channels.items():
-        for joint, x in enumerate(values.T, start=1):
-            columns[f"{name}{joint}"] = x
-    return columns

@@ -22,7 +22,8 @@ from gapscope.arm.dynamics.description import (
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import arm_model
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.input_file import is_file, is_folder
+from gapscope.arm.input_file import is_file
+from gapscope.arm.io.case_file import is_case
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.table import runs
@@ -124,7 +125,7 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
             file=recording,
         )
     q, tau = (np.array([rest[k] for rest in rests]) for k in (0, 1))
-    model = _pose_gravity(RigidBody(arm), q)
+    model = RigidBody(arm).gravity_torque(q)
     fits = [_line(model[:, j], tau[:, j]) for j in range(arm.n_joints)]
     correlation, scale, offset = np.array(fits).T
     return StaticPoses(
@@ -169,8 +170,7 @@ def check_static(static: StaticPoses) -> Iterator[Finding]:
 def _read(robot: str | Path, recording: Path) -> tuple[NominalArm, list[Recording]]:
     """The arm, and its recordings with torque."""
     path = Path(robot)
-    robot_is_case = is_folder(path) or path.suffix in (".yaml", ".yml")
-    own = load_case(path, read_recordings=False) if robot_is_case else None
+    own = load_case(path, read_recordings=False) if is_case(path) else None
     # a recording that is a case brings its own import section and joints
     if recording.suffix in (".yaml", ".yml") or is_file(recording / "case.yaml"):
         case = load_case(recording)
@@ -200,21 +200,18 @@ def _read(robot: str | Path, recording: Path) -> tuple[NominalArm, list[Recordin
 def _rests(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Mean position [rad] and torque [N m] of each rest, each of shape (n,)."""
     assert recording.tau is not None
-    window = max(1, int(MIN_POSE * recording.rate / 2))
+    window, row = (
+        max(1, int(MIN_POSE * recording.rate / 2)),
+        np.arange(len(recording.t)),
+    )
     # over a window, so that the steps of an encoder are no speed
-    late = np.minimum(np.arange(len(recording.t)) + window, len(recording.t) - 1)
-    early = np.maximum(np.arange(len(recording.t)) - window, 0)
+    late, early = np.minimum(row + window, row[-1]), np.maximum(row - window, 0)
     passed = recording.t[late] - recording.t[early]
     speed = np.abs(recording.q[late] - recording.q[early]) / passed[:, None]
     still = (speed < REST_SPEED).all(axis=1)
     for rows in runs(still):
         if np.ptp(recording.t[rows]) >= MIN_POSE:
             yield recording.q[rows].mean(axis=0), recording.tau[rows].mean(axis=0)
-
-
-def _pose_gravity(body: RigidBody, q: np.ndarray) -> np.ndarray:
-    still = np.zeros_like(q)
-    return body.inverse_dynamics(q, still, still)
 
 
 def _line(model: np.ndarray, tau: np.ndarray) -> tuple[float, float, float]:
@@ -265,7 +262,7 @@ def _explanations(
             # the file's inertials go back to where they belong
             other = shifted_body(arm, -by)
             if other is not None:
-                shifted = _pose_gravity(other, q)
+                shifted = other.gravity_torque(q)
                 name = f"each link with the inertial of the {word} one"
                 found.append(explained(name, torque - shifted + shifted.mean(axis=0)))
     # mass and first moments of one link fitted to the error of the model
@@ -317,7 +314,7 @@ def odd_kinds(robot: Path) -> str:
         InputError: the file is no XML of a robot.
     """
     found = audit_model(robot).findings
-    odd = Counter(x.kind for x in found if x.severity in ("impossible", "implausible"))
+    odd = Counter(x.kind for x in found if x.severity in SEVERITIES[:2])
     return ", ".join(
         f"{kind.replace('_', ' ')} ({count})" for kind, count in odd.items()
     )
@@ -428,8 +425,7 @@ def _refused(description: Description) -> str:
             warnings.simplefilter("ignore")  # what is odd is found here
             arm_model(description.file, joints, np.zeros(3))
     except GapscopeError as error:
-        # the first line says what is wrong, the rest what to do
-        return str(error).split("\n")[0]
+        return error.message
     return ""
 
 
@@ -488,10 +484,8 @@ def document(audit: Audit) -> dict[str, Any]:
         "form": description.form,
         "refused": audit.refused or None,
         "total_mass": total_mass(description),
-        "counts": {
-            severity: sum(one.severity == severity for one in audit.findings)
-            for severity in SEVERITIES
-        },
+        "counts": dict.fromkeys(SEVERITIES, 0)
+        | Counter(one.severity for one in audit.findings),
         "findings": audit.findings,
         "links": [_link(audit, link) for link in description.links],
         "joints": [_joint(joint) for joint in description.joints],

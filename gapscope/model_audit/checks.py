@@ -6,12 +6,14 @@ import re
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
 from scipy.stats import f as fisher
 
 from gapscope.arm.dynamics.description import Description, Inertial, Joint, Link
+from gapscope.arm.dynamics.inertials import box_edges
 from gapscope.arm.dynamics.robot_file import tree_faults
 from gapscope.model_audit.description import Finding, Geometry, distance_outside
 
@@ -108,11 +110,10 @@ def check_products(
     opposite = [name for name, cosine in cosines.items() if cosine < OPPOSITE_PRODUCTS]
     if len(opposite) < max(OPPOSITE_LINKS, OPPOSITE_SHARE * len(cosines)):
         return
-    first = description.by_name[opposite[0]]
     yield Finding(
         "implausible",
         "products_of_inertia",
-        *first.where,
+        *description.by_name[opposite[0]].where,
         f"ixy, ixz, iyz of {len(opposite)} of {len(cosines)} links have the opposite sign of those of their shapes: "
         f"{', '.join(opposite)}",
         "products of inertia as in a matrix of moments, ixy = - integral of x y dm",
@@ -193,14 +194,9 @@ def check_inertials(
 
 
 def box_density(inertial: Inertial) -> float:
-    """Density [kg/m^3] of the homogeneous box with the body's mass and moments, no edge thinner than a fifth.
-
-    With the variances v_i of the mass along the principal axes, the edges are a_i = sqrt(12 v_i).
-    """
-    variances = np.maximum(np.linalg.eigvalsh(inertial.variance), 0)
-    edges = np.sqrt(12 * variances)
-    edges = np.maximum(edges, MIN_EDGE_SHARE * edges.max())
-    return float(inertial.mass / edges.prod())
+    """Density [kg/m^3] of the homogeneous box with the body's mass and moments, no edge thinner than a fifth."""
+    edges = box_edges(inertial.mass, np.linalg.eigvalsh(inertial.moments))
+    return float(inertial.mass / np.maximum(edges, MIN_EDGE_SHARE * edges.max()).prod())
 
 
 def _check_box(link: Link, inertial: Inertial) -> Iterator[Finding]:
@@ -208,10 +204,9 @@ def _check_box(link: Link, inertial: Inertial) -> Iterator[Finding]:
     if inertial.mass < MIN_MASS:
         return
     density = box_density(inertial)
-    if MIN_BOX_DENSITY <= density <= LARGEST_BOX_DENSITY:
+    bound = np.clip(density, MIN_BOX_DENSITY, LARGEST_BOX_DENSITY)
+    if density == bound:
         return
-    light = density < MIN_BOX_DENSITY
-    bound = MIN_BOX_DENSITY if light else LARGEST_BOX_DENSITY
     radius = np.sqrt(np.trace(inertial.variance))
     # at one mass the density of a box goes with its moments to the power -3/2
     usual = 1000.0
@@ -261,8 +256,8 @@ def _massless(description: Description) -> Iterator[Finding]:
         if description.form == "MJCF" and any(part.shapes for part in parts):
             continue
         # half of a joint may be without mass as long as what it carries has some
-        last = not any(
-            below.kind != "fixed"
+        last = all(
+            below.kind == "fixed"
             for part in parts
             for below in description.below(part.name)
         )
@@ -273,12 +268,9 @@ def _massless(description: Description) -> Iterator[Finding]:
             child.line,
             f"moved by {joint.name}, and has no mass",
             "each moved link with mass and inertia",
-            "give it an <inertial>"
-            + (
-                "; a simulator cannot move it otherwise"
-                if last
-                else ", unless it is half of a joint"
-            ),
+            "give it an <inertial>; a simulator cannot move it otherwise"
+            if last
+            else "give it an <inertial>, unless it is half of a joint",
             size=1.0,
         )
 
@@ -316,12 +308,7 @@ def check_repeats(description: Description) -> Iterator[Finding]:
         for link in description.links
         if (own := link.inertial) and own.is_body and own.mass >= MIN_MASS
     ]
-    yield from _placeholders(bodies)
-    yield from _mirrored(bodies)
-
-
-def _placeholders(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
-    """The same moments on links of other masses, or three equal moments with round numbers on several."""
+    # the same moments on links of other masses, or three equal moments with round numbers on several
     same: dict[tuple[float, ...], list[tuple[Link, Inertial]]] = defaultdict(list)
     for link, own in bodies:
         same[tuple(own.moments.ravel().round(12))].append((link, own))
@@ -344,6 +331,7 @@ def _placeholders(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
             "these are placeholders: take the values from CAD, or identify the arm (gapscope identify)",
             size=float(np.log(len(links))),
         )
+    yield from _mirrored(bodies)
 
 
 def _mirrored(bodies: Sequence[tuple[Link, Inertial]]) -> Iterator[Finding]:
@@ -375,24 +363,22 @@ def _wrong_image(left: Inertial, right: Inertial) -> str:
     """What is not that of a mirror image; empty if all is."""
     if not np.isclose(left.mass, right.mass, rtol=0.02):
         return f"mass {right.mass:g} kg, not {left.mass:g} kg as that"
-    scale = np.trace(left.moments)
-    own, other = (np.linalg.eigvalsh(one.moments) for one in (left, right))
-    if not np.allclose(own, other, atol=0.02 * scale):
-        return ""  # other parts, or other moments: not said by the name alone
+    near = partial(np.allclose, atol=0.02 * np.trace(left.moments))
+    # other parts, or other moments: not said by the name alone
+    if not near(*(np.linalg.eigvalsh(one.moments) for one in (left, right))):
+        return ""
     # centres say about which planes the two sides are mirrored
-    images = [
-        np.diag(signs)
+    mirrored = [
+        np.diag(signs) @ left.moments @ np.diag(signs)
         for signs in product((1.0, -1.0), repeat=3)
         if np.allclose(np.array(signs) * left.com, right.com, atol=2e-3)
     ]
-    mirrored = [image @ left.moments @ image for image in images]
-    if not images or any(
-        np.allclose(x, right.moments, atol=0.02 * scale) for x in mirrored
-    ):
-        return ""
     # products of the other sign: the matrix with its off-diagonals turned
     turned = [2 * np.diag(np.diag(x)) - x for x in mirrored]
-    if any(np.allclose(x, right.moments, atol=0.02 * scale) for x in turned):
+    right_way, wrong_way = (
+        any(near(x, right.moments) for x in each) for each in (mirrored, turned)
+    )
+    if wrong_way and not right_way:
         return "the products of inertia have the opposite sign of the mirror image"
     return ""
 
@@ -457,7 +443,7 @@ def _axis(joint: Joint) -> Iterator[Finding]:
 def _limits(joint: Joint, form: str) -> Iterator[Finding]:
     lower, upper = joint.lower, joint.upper
     if not joint.turns_freely and form == "URDF":
-        if lower is None and upper is None and joint.effort is None:
+        if {lower, upper, joint.effort} == {None}:
             yield Finding(
                 "missing",
                 "limits",
@@ -546,8 +532,8 @@ def check_geometry(
         if inertial.mass < MIN_MASS:
             continue
         density = inertial.mass / geometry.volume
-        if not MIN_DENSITY <= density <= LARGEST_DENSITY:
-            bound = MIN_DENSITY if density < MIN_DENSITY else LARGEST_DENSITY
+        bound = np.clip(density, MIN_DENSITY, LARGEST_DENSITY)
+        if density != bound:
             yield Finding(
                 "implausible",
                 "density",

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 from gapscope.arm.dynamics.description import Description, Shape
 from gapscope.arm.dynamics.link_shapes import mesh_points, shape_points
 from gapscope.arm.input_file import is_folder
-from gapscope.arm.io.case_file import CasePaths, read_case_file
+from gapscope.arm.io.case_file import CasePaths, is_case, read_case_file
 from gapscope.arm.robots import locate
 
 # One odd thing about a model.
@@ -116,13 +116,10 @@ def link_geometry(description: Description, link: str) -> Geometry | None:
                 pose = place * shape.place
                 shapes.append((shape, corners @ pose.rotation.T + pose.translation))
     # casings are drawn twice, for the eye and for contacts: one of them is the body
+    every = [points for _, points in shapes]
     collisions = [points for shape, points in shapes if shape.use == "collision"]
-    hulls = [
-        hull
-        for points in collisions or [p for _, p in shapes]
-        if (hull := _hull(points))
-    ]
-    whole = _hull(np.vstack([points for _, points in shapes])) if shapes else None
+    hulls = [hull for points in collisions or every if (hull := _hull(points))]
+    whole = _hull(np.vstack(every)) if shapes else None
     if not hulls or whole is None:
         return None
     volume, centre, variance = _together([_solid(hull) for hull in hulls])
@@ -169,11 +166,10 @@ def _together(
     solids: list[tuple[float, np.ndarray, np.ndarray]],
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Volume [m^3], centre [m] and variance [m^2] of several solids."""
-    volume = sum(solid[0] for solid in solids)
-    first = np.sum([v * centre for v, centre, _ in solids], axis=0)
-    second = np.sum([moment for _, _, moment in solids], axis=0)
-    centre = first / volume
-    return volume, centre, second / volume - np.outer(centre, centre)
+    volume = sum(v for v, _, _ in solids)
+    centre = np.sum([v * centre for v, centre, _ in solids], axis=0) / volume
+    second = np.sum([moment for _, _, moment in solids], axis=0) / volume
+    return volume, centre, second - np.outer(centre, centre)
 
 
 @lru_cache(maxsize=256)
@@ -197,7 +193,7 @@ def find_robot(robot: str | Path) -> tuple[Path, Path | None, list[float] | None
         InputError: there is none.
     """
     path = Path(robot)
-    if not (is_folder(path) or path.suffix in (".yaml", ".yml")):
+    if not is_case(path):
         return locate(robot, Path())[0], None, None
     file = path / "case.yaml" if is_folder(path) else path
     content = read_case_file(file)

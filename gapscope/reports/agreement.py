@@ -11,6 +11,7 @@ from rich.console import Group
 from rich.text import Text
 
 from gapscope.arm.display import MISSING, uncertain, unit_name
+from gapscope.diagnosis.document.wording import capital
 from gapscope.reports.pages import (
     COLOURS,
     PLAIN,
@@ -39,13 +40,13 @@ RELATIVE = "Friction is that of each recording; all else counts from the first o
 def heading(content: Line) -> str:
     """How many parameters agree, differ and are not determined, in one sentence."""
     verdicts = [line["verdict"] for line in content["parameters"]]
-    counts = {name: verdicts.count(name) for name in ("agrees", "differs")}
+    agree, differ = map(verdicts.count, ("agrees", "differs"))
     text = (
-        f"{len(content['recordings'])} recordings, {len(verdicts)} parameters: {counts['agrees']} agree, "
-        f"{counts['differs']} differ"
+        f"{len(content['recordings'])} recordings, {len(verdicts)} parameters: {agree} agree, "
+        f"{differ} differ"
     )
     # the third verdict is said only if some have it
-    rest = len(verdicts) - sum(counts.values())
+    rest = len(verdicts) - agree - differ
     return f"{text}, {rest} not determined by two recordings." if rest else f"{text}."
 
 
@@ -74,13 +75,6 @@ def values(line: Line) -> list[str]:
 def unit(line: Line) -> str:
     """SI unit of the values, as it is shown; empty for a ratio."""
     return unit_name(line["unit"])
-
-
-def undetermined(line: Line, recordings: list[str]) -> list[str]:
-    """Recordings that do not determine a parameter."""
-    pairs = zip(recordings, line["information"], strict=True)
-    # below one the recording leaves the value as it was before
-    return [name for name, ratio in pairs if ratio < 1.0]
 
 
 def sentences(line: Line) -> Iterator[str]:
@@ -133,17 +127,16 @@ def write_page(content: dict[str, Any], path: Path) -> None:
     )
     # A panel for each parameter, those that differ first, with a bar of two deviations for each recording
     lines = [one for one in content["parameters"] if one["birge"] is not None]
-    shown = lines[:MAX_PANELS]
-    figure = None
+    shown, figure = lines[:MAX_PANELS], Markup("")
     if shown:
         rows = -(-len(shown) // COLUMNS)  # rounded up
-        drawn = _figure(shown, content["recordings"], rows)
+        drawn = _figure(shown, recordings, rows)
         height = 60 + PANEL_HEIGHT * rows
         figure = figure_html(drawn, "agreement", height, showlegend=False)
     panels = PageSection(
         title="Values by recording",
         note="Bars of two standard deviations; what differs is orange, the band is the value to trust.",
-        figure=figure or Markup(""),
+        figure=figure,
     )
     # A section for each parameter that differs
     write_plot_page(
@@ -152,7 +145,10 @@ def write_page(content: dict[str, Any], path: Path) -> None:
         facts,
         [
             *(
-                PageSection(title=_differs(line), note=". ".join(sentences(line)))
+                PageSection(
+                    title=capital(f"{line['name']} differs"),
+                    note=". ".join(sentences(line)),
+                )
                 for line in differing(content)
             ),
             panels,
@@ -169,8 +165,7 @@ def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
         vertical_spacing=min(0.35 / rows, 0.12),
     )
     for place, line in enumerate(lines):
-        row, column = divmod(place, COLUMNS)
-        where = {"row": row + 1, "col": column + 1}
+        where = {"row": place // COLUMNS + 1, "col": place % COLUMNS + 1}
         # only a parameter that agrees has a value to trust
         value = line["trusted"]
         if value is not None:
@@ -202,12 +197,6 @@ def _title(line: Line) -> str:
     if len(name) > MAX_WIDTH:
         name = name[: MAX_WIDTH - 1] + "…"
     return f"{name} [{unit(line) or '1'}]"
-
-
-def _differs(line: Line) -> str:
-    """Heading of a parameter that differs."""
-    words = f"{line['name']} differs"
-    return words[0].upper() + words[1:]
 
 
 # An agreement on the terminal: one line per parameter, and what is to be said of those that differ.
@@ -245,12 +234,11 @@ def summary(content: dict[str, Any]) -> Group:
 
 def _undetermined(content: dict[str, Any]) -> Iterator[str]:
     """A line for each recording that does not determine some parameters."""
-    missing: dict[str, list[str]] = {}
-    for line in content["parameters"]:
-        for recording in undetermined(line, content["recordings"]):
-            missing.setdefault(recording, []).append(line["name"])
-    for recording, names in missing.items():
-        yield f"\n{recording} does not determine: {'; '.join(names)}"
+    for k, recording in enumerate(content["recordings"]):
+        # below one the recording leaves the value as it was before
+        names = [x["name"] for x in content["parameters"] if x["information"][k] < 1.0]
+        if names:
+            yield f"\n{recording} does not determine: {'; '.join(names)}"
 
 
 def _difference_lines(content: dict[str, Any]) -> Iterator[str]:

@@ -10,6 +10,7 @@ from rich.console import Group
 from rich.text import Text
 
 from gapscope.arm.display import MISSING
+from gapscope.arm.dynamics.description import SINGLE
 from gapscope.reports.pages import write_html
 
 # What page and terminal of an audit share: findings of a kind together, and sentences of its document.
@@ -24,15 +25,23 @@ def groups(content: Mapping[str, Any]) -> list[dict[str, Any]]:
     together: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for finding in content["findings"]:
         together.setdefault((finding["severity"], finding["kind"]), []).append(finding)
+    found = []
     # findings come worst first: so does each group
-    return [{**one, "others": _others(more)} for one, *more in together.values()]
+    for worst, *more in together.values():
+        named = [place(one) for one in more[:MAX_PLACES]]
+        rest = len(more) - len(named)
+        others = "; ".join([*named, f"{rest} more"] if rest else named)
+        found.append({**worst, "others": others})
+    return found
 
 
 def heading(content: Mapping[str, Any]) -> str:
     """How many findings of each severity, in one sentence."""
     counts = [f"{count} {name}" for name, count in content["counts"].items() if count]
     mass = content["total_mass"]
-    size = f"{len(content['links'])} links, {_moving(content)} moving joints, {number(mass)} kg"
+    # fixed joints do not move
+    moving = sum(one["kind"] in SINGLE for one in content["joints"])
+    size = f"{len(content['links'])} links, {moving} moving joints, {number(mass)} kg"
     return f"{size}: {', '.join(counts)}." if counts else f"{size}: nothing odd."
 
 
@@ -45,17 +54,6 @@ def place(finding: Mapping[str, Any]) -> str:
 def number(value: float | None) -> str:
     """A number with three digits; a dash if there is none."""
     return MISSING if value is None else f"{value:.3g}"
-
-
-def _moving(content: Mapping[str, Any]) -> int:
-    # fixed joints do not move
-    return sum(one["kind"] in ("revolute", "prismatic") for one in content["joints"])
-
-
-def _others(found: list[Mapping[str, Any]]) -> str:
-    named = [place(one) for one in found[:MAX_PLACES]]
-    rest = len(found) - len(named)
-    return "; ".join([*named, f"{rest} more"] if rest else named)
 
 
 # An audit as a page that opens without a network.
@@ -71,8 +69,6 @@ def write_page(content: dict[str, Any], path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
-    # marked in the table of links
-    odd = {finding["place"] for finding in content["findings"]}
     write_html(
         "audit/audit.html",
         path,
@@ -81,7 +77,8 @@ def write_page(content: dict[str, Any], path: Path) -> None:
         groups=groups(content),
         place=place,
         number=number,
-        odd=odd,
+        # marked in the table of links
+        odd={finding["place"] for finding in content["findings"]},
     )
 
 
@@ -95,21 +92,24 @@ MAX_EXPLANATIONS = 4
 
 def summary(content: dict[str, Any]) -> Group:
     """What is odd about a model, and what to do."""
-    head = Text(f"{content['robot']} ({content['file']}): {heading(content)}", "bold")
-    parts = [head]
+    head = f"{content['robot']} ({content['file']}): {heading(content)}"
+    parts = [Text(head, "bold")]
     for worst in groups(content):
-        title = Text(
-            f"\n{worst['severity']}: {worst['kind'].replace('_', ' ')}, {place(worst)}",
-            STYLES.get(worst["severity"], ""),
+        title = (
+            f"\n{worst['severity']}: {worst['kind'].replace('_', ' ')}, {place(worst)}"
         )
-        parts += [title, Text(f"  {worst['found']}")]
-        parts += [Text(f"  expected: {worst['expected']}")]
-        parts += [Text(f"  to do: {worst['remedy']}")]
-        if worst["others"]:
-            parts.append(Text(f"  also: {worst['others']}"))
+        parts.append(Text(title, STYLES.get(worst["severity"], "")))
+        for label, key in (
+            ("", "found"),
+            ("expected: ", "expected"),
+            ("to do: ", "remedy"),
+            ("also: ", "others"),
+        ):
+            if worst[key]:
+                parts.append(Text(f"  {label}{worst[key]}"))
     # only with a recording of static poses
     if content["static"] is not None:
-        parts += [Text(line) for line in _static(content["static"])]
+        parts += map(Text, _static(content["static"]))
     return Group(*parts)
 
 

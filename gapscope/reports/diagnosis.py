@@ -26,11 +26,12 @@ from gapscope.arm.display import (
     significant,
     uncertain,
 )
-from gapscope.arm.dynamics.link_shapes import Hull, link_hulls, reach
+from gapscope.arm.dynamics.link_shapes import link_hulls, reach
 from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.joint_units import joint_unit
+from gapscope.arm.reading import interpolated
 from gapscope.diagnosis.document import wording
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.findings import NOT_YET
@@ -58,7 +59,7 @@ from gapscope.diagnosis.document.wording import (
 from gapscope.diagnosis.locate import DRIVES, FREQUENCIES, JointLocalisation, Region
 from gapscope.diagnosis.result import Diagnosis, Signature, Trace
 from gapscope.effects.catalogue import known_effect, of_quantity
-from gapscope.effects.effect import SHEET, Effect
+from gapscope.effects.effect import SHEET
 from gapscope.model.changes import change_text
 from gapscope.reports.expected import expected_rows
 from gapscope.reports.pages import terminal_table, write_html
@@ -69,12 +70,11 @@ from gapscope.reports.pages import terminal_table, write_html
 # Curves as text within a page.
 
 
-def encode(values: np.ndarray) -> str:
-    """Base64 of the values as little-endian float32."""
+def encode(values: np.ndarray, kind: str = "<f4") -> str:
+    """Base64 of the values, by default as little-endian float32."""
     # little endian on any machine: the script of the page reads it so
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode(
-        "ascii"
-    )
+    content = np.ascontiguousarray(values, dtype=kind).tobytes()
+    return base64.b64encode(content).decode("ascii")
 
 
 # What to do after a diagnosis: a sentence each, with the command if there is one.
@@ -295,11 +295,9 @@ def _words(entry: Mapping[str, Any]) -> str:
     alone = (
         f"{NAMES[name].capitalize()} alone predicts {percent(entry['by'][name])} of it."
     )
-    shown = (
-        "how strong the gap is at each frequency"
-        if name == "frequency"
-        else "the gap along it"
-    )
+    shown = "the gap along it"
+    if name == "frequency":
+        shown = "how strong the gap is at each frequency"
     return f"{alone} The curve is {shown}. What is left {noise}."
 
 
@@ -338,15 +336,11 @@ def payload(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for trace in diagnosis.traces
         ],
-        "spectrum": (
-            {
-                "frequency": encode(spectrum.frequency),
-                "before": [
-                    encode(column) for column in np.atleast_2d(spectrum.before.T)
-                ],
-                "after": [encode(column) for column in np.atleast_2d(spectrum.after.T)],
-            }
-        ),
+        "spectrum": {
+            "frequency": encode(spectrum.frequency),
+            "before": [*map(encode, np.atleast_2d(spectrum.before.T))],
+            "after": [*map(encode, np.atleast_2d(spectrum.after.T))],
+        },
         "places": place_curves(diagnosis),
         "guesses": guess_curves(diagnosis),
         "slides": joint_slides(diagnosis.document),
@@ -358,17 +352,12 @@ def _curves(trace: Trace, points: int) -> list[dict[str, str]]:
     """Per joint the curves of one recording, all four at the same samples."""
     joints = []
     for joint in range(trace.measured.shape[1]):
-        measured, nominal, corrected = (
-            x[:, joint] for x in (trace.measured, trace.nominal, trace.corrected)
-        )
+        names = ("measured", "nominal", "corrected")
+        curves = {name: getattr(trace, name)[:, joint] for name in names}
+        left = curves["measured"] - curves["corrected"]
         # peaks of the torque and of what is left are what a reader looks for
-        keep = keep_extremes([measured, measured - corrected], points)
-        curves = {
-            "t": trace.t,
-            "measured": measured,
-            "nominal": nominal,
-            "corrected": corrected,
-        }
+        keep = keep_extremes([curves["measured"], left], points)
+        curves["t"] = trace.t
         joints.append({name: encode(curve[keep]) for name, curve in curves.items()})
     return joints
 
@@ -393,11 +382,7 @@ def keep_extremes(series: list[np.ndarray], points: int) -> np.ndarray:
 def _signature(signature: Signature) -> dict[str, Any]:
     """A signature with its samples thinned evenly; ``line`` if the axis only grows, as time does."""
     n = len(signature.x)
-    keep = (
-        np.unique(np.linspace(0, n - 1, min(n, POINTS_PER_SIGNATURE)).astype(int))
-        if n
-        else np.arange(0)
-    )
+    keep = np.unique(np.linspace(0, n - 1, min(n, POINTS_PER_SIGNATURE)).astype(int))
     return {
         "joint": signature.joint - 1,
         "axis": signature.axis,
@@ -446,25 +431,20 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
             }
         )
     # times, positions of each arm, and the gap of each joint over its recorded torque's deviation
-    replayed = diagnosis.replayed
-    if replayed is None or (replayed.nominal is None and replayed.corrected is None):
-        trace = diagnosis.traces[0]
-        arms = {"recorded": trace.q}
-        name, t = trace.recording, trace.t
-    else:
-        name, t = replayed.recording, replayed.t
-        arms = {"recorded": replayed.recorded}
-        if replayed.nominal is not None:
-            arms["nominal"] = replayed.nominal
-        if replayed.corrected is not None:
-            arms["corrected"] = replayed.corrected
+    first, replayed = diagnosis.traces[0], diagnosis.replayed
+    name, t, arms = first.recording, first.t, {"recorded": first.q}
+    if replayed is not None:
+        moved = {"nominal": replayed.nominal, "corrected": replayed.corrected}
+        simulated = {arm: q for arm, q in moved.items() if q is not None}
+        # without a simulated arm the first recording alone
+        if simulated:
+            name, t = replayed.recording, replayed.t
+            arms = {"recorded": replayed.recorded, **simulated}
     rate = 1.0 / float(np.median(np.diff(t)))
     kept = slice(0, None, max(1, round(rate / FRAMES_PER_SECOND)))
     times = t[kept][:MAX_FRAMES]
     # colours follow the gap of the same recording, if it is drawn at all
-    trace = next(
-        (x for x in diagnosis.traces if x.recording == name), diagnosis.traces[0]
-    )
+    trace = next((x for x in diagnosis.traces if x.recording == name), first)
     motion = {
         "recording": name,
         "t": encode(times),
@@ -477,18 +457,16 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
     return {
         "joints": joints,
         "reach": reach(body),
-        "hulls": [_hull(hull) for hull in link_hulls(body)],
+        "hulls": [
+            {
+                "joint": hull.body - 1,
+                "vertices": encode(hull.vertices.ravel()),
+                # two bytes hold the number of any vertex of a hull
+                "faces": encode(hull.faces, "<u2"),
+            }
+            for hull in link_hulls(body)
+        ],
         "motion": motion,
-    }
-
-
-def _hull(hull: Hull) -> dict[str, Any]:
-    # two bytes hold the number of any vertex of a hull
-    faces = np.ascontiguousarray(hull.faces, dtype="<u2").tobytes()
-    return {
-        "joint": hull.body - 1,
-        "vertices": encode(hull.vertices.ravel()),
-        "faces": base64.b64encode(faces).decode("ascii"),
     }
 
 
@@ -499,8 +477,7 @@ def _gap(trace: Trace, stage: str, times: np.ndarray) -> np.ndarray:
     deviation = trace.measured.std(axis=0)
     # a joint with hardly any torque would always glow
     scale = np.maximum(deviation, 0.05 * deviation.max())
-    columns = [np.interp(times, trace.t, column) for column in error.T]
-    return np.column_stack(columns) / np.maximum(scale, 1e-12)
+    return interpolated(times, trace.t, error) / np.maximum(scale, 1e-12)
 
 
 # Section of the report on which side of the joint torque sensors the gap lies.
@@ -592,19 +569,16 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "law": content["friction_law"],
         "ratio": percent(content["torque_ratio_to_nominal"]),
         "joints": list(_reference_joints(content, joint_names(diagnosis.document))),
-        "sheet": [_titled(effect) for effect in ADDING.values()],
+        "sheet": [
+            f"{effect_name(e.name)} [{display_unit(e.parameters[0].unit, 1.0)[1]}]"
+            for e in ADDING.values()
+        ],
         "allowed": percent(today["friction_allowed"]),
         "inherent": [
             _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
         ],
         "lacking": lacking,
     }
-
-
-def _titled(effect: Effect) -> str:
-    """Name and unit of an effect of one parameter."""
-    _, unit = display_unit(effect.parameters[0].unit, 1.0)
-    return f"{effect_name(effect.name)} [{unit}]"
 
 
 def _reference_joints(
@@ -721,14 +695,13 @@ def expected(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def _first_and_learnt(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Of each joint what was learnt from its gap, and without a rule the first that was cut in advance."""
-    joints = [region["joint"] for region in regions]
-    ruled = {region["joint"] for region in regions if region.get("kind") == "rule"}
-    return [
-        r
-        for i, r in enumerate(regions)
-        if r.get("kind") in LEARNT
-        or (joints.index(r["joint"]) == i and r["joint"] not in ruled)
-    ]
+    known = {region["joint"] for region in regions if region.get("kind") == "rule"}
+    found = []
+    for region in regions:
+        if region.get("kind") in LEARNT or region["joint"] not in known:
+            found.append(region)
+        known.add(region["joint"])
+    return found
 
 
 def _telling(region: Mapping[str, Any]) -> float:
@@ -867,10 +840,8 @@ def summary(document: Mapping[str, Any]) -> Group:
     parts.append(Text(verdict_sentence(document)))
     # with a reference effects are changes, which has to be said first
     if "against" in document:
-        name, count = (
-            document["against"]["reference"],
-            len(document["against"]["recordings"]),
-        )
+        name = document["against"]["reference"]
+        count = len(document["against"]["recordings"])
         text = f"{name} ({count} recording{'s' if count != 1 else ''}); effects are changes since then"
         say("Compared with", text)
     for entry in document.get("changes", []):

@@ -23,7 +23,7 @@ def expected_rows(
     for entry in entries:
         # one unit for all joints of a row, whatever their sizes
         factor, unit = display_unit(entry["unit"], 1.0)
-        unit = "" if entry["unit"] == "1" else f" [{unit}]"
+        unit = f" [{unit}]" if unit else ""
         name = f"{effect_name(entry['effect'])}, {entry['parameter'].replace('_', ' ')}{unit}"
         # joints without an entry stay blank: nothing was asked of them
         texts = rows.setdefault(name, [""] * n_joints)

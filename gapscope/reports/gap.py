@@ -76,20 +76,25 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
     """
     # nothing is repaired here: stamps have to be in order
     check_rates(case)
-    roles = [(recording, "fit") for recording in case.recordings]
-    roles += [(recording, "judge") for recording in case.judged]
     measured = [
-        (recording, role) for recording, role in roles if recording.tau is not None
+        (recording, role)
+        for role, group in (("fit", case.recordings), ("judge", case.judged))
+        for recording in group
+        if recording.tau is not None
     ]
     if not measured:
         raise no_torque(case)
     body = RigidBody(case.arm)
-    rows = [
-        {"recording": recording.name, "role": role}
-        | _torque(recording, corrected, body)
-        | _replay(recording, case, corrected)
-        for recording, role in measured
-    ]
+    rows = []
+    for recording, role in measured:
+        found = torque_gap(corrected, body, condition(recording))
+        row = {
+            "recording": recording.name,
+            "role": role,
+            "torque_nrmse": found.nrmse.tolist(),
+            "torque_rmse": found.rmse.tolist(),
+        }
+        rows.append(row | _replay(recording, case, corrected))
     return {
         "schema": 1,
         "case": case.name,
@@ -101,13 +106,6 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
             *filter(None, (corrected.taken_as(r.name) for r, _ in measured)),
         ],
     }
-
-
-def _torque(
-    recording: Recording, corrected: CorrectedArm, body: RigidBody
-) -> dict[str, Any]:
-    found = torque_gap(corrected, body, condition(recording))
-    return {"torque_nrmse": found.nrmse.tolist(), "torque_rmse": found.rmse.tolist()}
 
 
 def _replay(

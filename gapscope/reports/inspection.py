@@ -174,12 +174,11 @@ def tables_of(found: Inspection, checked: Sequence[Remark]) -> list[PageSection]
     """What the columns are taken for, what the torque can be, the joints, and what looks wrong."""
     # what looks wrong: where, what, what to do
     problems = [one for one in checked if one.level == "error"]
-    notes = [one for one in (*found.notes, *checked) if one.level == "ok"]
     first = (*found.misread, *problems, *found.oddities)
     rows = [(one.place or one.topic, one.said, one.remedy) for one in first]
-    for one in notes:
+    for one in (*found.notes, *checked):
         # the reader and the case may say the same of a table
-        if all(one.said != said for _, said, _ in rows):
+        if one.level == "ok" and all(one.said != said for _, said, _ in rows):
             rows.append((one.place, one.said, ""))
     return [
         PageSection("What the columns are taken for", CHANNEL_HEADS, list(channel_rows(found))),
@@ -220,8 +219,7 @@ def channel_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
     # a channel has one unit: that of slides only if nothing turns
     slides = found.arm is not None and all(found.arm.sliding)
     for channel, (_, guess) in found.chosen.items():
-        unit = joint_unit(guess.unit, slides)
-        yield channel, guess.group.pattern, unit, guess.why
+        yield channel, guess.group.pattern, joint_unit(guess.unit, slides), guess.why
 
 
 def torque_rows(found: Inspection) -> Iterator[tuple[str, str]]:

@@ -94,8 +94,8 @@ def write_page(content: Mapping[str, Any], path: Path) -> None:
     """
     # bars are drawn upwards: the first row comes to the top
     rows = content["rows"][::-1]
-    series = [[row["matters"][key] for row in rows] for key in ("low", "value", "high")]
-    low, value, high = TO_MRAD * np.array(series, dtype=float)
+    errors = [[row["matters"][key] for key in ("low", "value", "high")] for row in rows]
+    low, value, high = TO_MRAD * np.array(errors, dtype=float).T
     figure = subplots(1)
     figure.add_bar(
         x=value.tolist(),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,45 +34,8 @@ CHANGES = {
 UNREAD = ("dq", "tau")
 
 
-@dataclass(frozen=True)
-class Mending:
-    """What faults ask of a case file.
-
-    Attributes:
-        faults: those that a case file can put right, in the order in which they are.
-        asked: for each of them the keys of ``CHANGES``.
-        others: those that every diagnosis puts right by itself, or of which a case file cannot say so.
-    """
-
-    faults: tuple[FoundFault, ...]
-    asked: tuple[set[str], ...]
-    others: tuple[FoundFault, ...]
-
-    def reason(self, key: str) -> str:
-        """The faults for which something is changed; empty if it is not."""
-        pairs = zip(self.faults, self.asked, strict=True)
-        return "; ".join(str(fault) for fault, keys in pairs if key in keys)
-
-    def after(self, reading: Reading) -> Reading:
-        """How the case must be read of which the file says to read it in a way already."""
-        for fault in self.faults:
-            reading = reading.then(fault.reading(len(reading.kp_factor)))
-        return reading
-
-
-def mending(faults: Sequence[FoundFault], case: Case) -> Mending:
-    """What the faults of a case ask for; nothing if its files can be read as they are."""
-    asked = [_asks(fault, case) for fault in faults]
-    pairs = list(zip(faults, asked, strict=True))
-    return Mending(
-        tuple(fault for fault, keys in pairs if keys),
-        tuple(keys for keys in asked if keys),
-        tuple(fault for fault, keys in pairs if not keys),
-    )
-
-
 def _asks(fault: FoundFault, case: Case) -> set[str]:
-    """What a fault asks to change."""
+    """What a fault asks to change: keys of ``CHANGES``; nothing if every diagnosis puts it right, or no file can."""
     reading = fault.reading(case.arm.n_joints)
     asked = {key for key, names in CHANGES.items() if reading.differs(*names)}
     if case.controller is None:
@@ -110,20 +72,32 @@ def write_mended_case(
     # a case without faults must not lie beside one that was mended
     for name in (CASE, URDF):
         (folder / name).unlink(missing_ok=True)
-    mended = mending(faults, case)
-    if not mended.faults:
+    asked = [(fault, _asks(fault, case)) for fault in faults]
+    if not any(keys for _, keys in asked):
         return ()
-    reading = mended.after(Reading.identity(case.arm.n_joints))
+
+    def reason(key: str) -> str:
+        """The faults for which something is changed; empty if it is not."""
+        return "; ".join(str(fault) for fault, keys in asked if key in keys)
+
+    def after(reading: Reading) -> Reading:
+        """How the case must be read of which the file says to read it in a way already."""
+        for fault, keys in asked:
+            if keys:
+                reading = reading.then(fault.reading(case.arm.n_joints))
+        return reading
+
+    reading = after(Reading.identity(case.arm.n_joints))
     source = case_file()
     # paths count from the folder of the new file
     content = moved(read_case_file(source), source.parent, folder)
     content["name"] = f"{content['name']} mended"
     written = [folder / CASE]
-    if mended.reason("robot"):
+    if reason("robot"):
         _write_urdf(case.arm, reading, folder / URDF)
         content["robot"] = URDF
         written.append(folder / URDF)
-    if mended.reason("controller"):
+    if reason("controller"):
         at_work = reading.controller(case.controller)
         assert at_work is not None
         # all gains: those of joints without a fault are the declared ones
@@ -132,26 +106,26 @@ def write_mended_case(
     with atomic_write(folder / CASE) as aside:
         # the case file, with a comment on each line that was changed
         lines = [f"# {source.name}, with what gapscope diagnose found wrong put right"]
-        lines += [f"# left to every diagnosis: {fault}" for fault in mended.others]
+        lines += [f"# left to every diagnosis: {x}" for x, keys in asked if not keys]
         section = dict(content.pop("import", None) or {})
         # what the file mends already comes first, then what was found
         before = Reading.from_mend(
             section.pop("mend", None) or {}, case.arm.n_joints, source
         )
-        mend = mended.after(before).to_mend()
+        mend = after(before).to_mend()
         # null: the channel is not read
-        section |= {name: None for name in UNREAD if mended.reason(name)}
+        section |= {name: None for name in UNREAD if reason(name)}
         for key, value in content.items():
-            lines += _entry(key, value, mended.reason(key))
+            lines += _entry(key, value, reason(key))
         if section or mend:
             lines.append("import:")
         for key, value in section.items():
-            why = mended.reason(key) if key in UNREAD else ""
+            why = reason(key) if key in UNREAD else ""
             lines += [f"  {line}" for line in _entry(key, value, why)]
         if mend:
             lines.append("  mend:  # after all other keys of this section")
         for key, value in mend.items():
-            lines += [f"    {key}: {flow(value)}{_comment(mended.reason(key))}"]
+            lines += [f"    {key}: {flow(value)}{_comment(reason(key))}"]
         text = "\n".join(lines) + "\n"
         aside.write_text(text, encoding="utf-8")
     return tuple(written)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from shutil import move
 from typing import Any
@@ -14,9 +15,8 @@ import numpy as np
 from gapscope.arm.dynamics.kinematics import link_poses
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.atomic_write import atomic_write, folder_aside
-from gapscope.arm.io.json_file import write_json
 from gapscope.arm.nominal import NominalArm
-from gapscope.reports.pages import COLOURS
+from gapscope.reports.pages import COLOURS, write_html
 
 # A recording and what the model says of it as one MCAP file, which Foxglove, Rerun and PlotJuggler open.
 #
@@ -74,7 +74,9 @@ def write_mcap(scene: Scene, path: Path) -> None:
         bag = folder / "scene"
         with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             topics: dict[str, Any] = {}
-            for topic, stamp, message in _messages(scene, store.types):
+            # each stream is in order: merged as they come, never all in memory
+            streams = _streams(scene, store.types)
+            for topic, stamp, message in heapq.merge(*streams, key=itemgetter(1)):
                 if topic not in topics:
                     topics[topic] = writer.add_connection(
                         topic, message.__msgtype__, typestore=store
@@ -84,12 +86,6 @@ def write_mcap(scene: Scene, path: Path) -> None:
         # the writer makes a folder with one file, which is what is wanted
         (file,) = bag.glob("*.mcap")
         move(file, aside)
-
-
-def _messages(scene: Scene, types: Any) -> Iterator[Message]:
-    """Everything in the scene, in the order of time."""
-    # each stream is in order: merged as they come, never all in memory
-    return heapq.merge(*_streams(scene, types), key=lambda message: message[1])
 
 
 def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
@@ -106,45 +102,35 @@ def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
         series["remaining"] = scene.recorded - scene.predicted
     for name, torque in series.items():
         if torque is not None:
-            topic = f"/{name}/joint_states"
-            yield _states(topic, scene.arm, scene.t, scene.q, torque, types)
-    yield _poses(scene.arm, scene.t, scene.q, "", types)
+            yield _states(scene, name, scene.q, torque, types)
+    yield _poses(scene, scene.q, "", types)
     if scene.simulated is not None:
-        t, q = scene.t, scene.simulated
         # a message may leave out the efforts
-        silent = np.empty((len(t), 0))
-        yield _states("/simulated/joint_states", scene.arm, t, q, silent, types)
-        yield _poses(scene.arm, t, q, SIMULATED, types)
+        silent = np.empty((len(scene.t), 0))
+        yield _states(scene, "simulated", scene.simulated, silent, types)
+        yield _poses(scene, scene.simulated, SIMULATED, types)
 
 
 def _states(
-    topic: str,
-    arm: NominalArm,
-    t: np.ndarray,
-    q: np.ndarray,
-    torque: np.ndarray,
-    types: Any,
+    scene: Scene, name: str, q: np.ndarray, torque: np.ndarray, types: Any
 ) -> Iterator[Message]:
     """Joint states at every sample."""
     # of the positions: not every log has velocities
-    speed = np.gradient(q, t, axis=0)
-    for k in range(len(t)):
-        header = _header(t[k], BASE, types)
+    speed = np.gradient(q, scene.t, axis=0)
+    for t, *state in zip(scene.t, q, speed, torque, strict=True):
         message = types["sensor_msgs/msg/JointState"](
-            header, list(arm.joints), q[k], speed[k], torque[k]
+            _header(t, types), list(scene.arm.joints), *state
         )
-        yield topic, _nanoseconds(t[k]), message
+        yield f"/{name}/joint_states", _nanoseconds(t), message
 
 
-def _poses(
-    arm: NominalArm, t: np.ndarray, q: np.ndarray, prefix: str, types: Any
-) -> Iterator[Message]:
+def _poses(scene: Scene, q: np.ndarray, prefix: str, types: Any) -> Iterator[Message]:
     """Transforms of all links against the base."""
-    rate = 1.0 / float(np.median(np.diff(t)))
+    rate = 1.0 / float(np.median(np.diff(scene.t)))
     step = max(1, round(rate / POSES_PER_SECOND))
-    poses = link_poses(RigidBody(arm), q[::step])
-    for k, moment in enumerate(t[::step]):
-        header = _header(moment, BASE, types)
+    poses = link_poses(RigidBody(scene.arm), q[::step])
+    for k, moment in enumerate(scene.t[::step]):
+        header = _header(moment, types)
         transforms = []
         # all against the base, so that no chain has to be known
         for link, name in enumerate(poses.names):
@@ -157,96 +143,30 @@ def _poses(
         yield "/tf", _nanoseconds(moment), message
 
 
-def _header(moment: float, frame: str, types: Any) -> Any:
+def _header(moment: float, types: Any) -> Any:
     seconds, rest = divmod(_nanoseconds(moment), 10**9)
     stamp = types["builtin_interfaces/msg/Time"](seconds, rest)
-    return types["std_msgs/msg/Header"](stamp, frame)
+    return types["std_msgs/msg/Header"](stamp, BASE)
 
 
 def _nanoseconds(moment: float) -> int:
     return round(float(moment) * 1e9)
 
 
-# A layout for Foxglove: the arm, real beside simulated, and torques and positions of each joint.
-
-
-TORQUES = ("recorded", "predicted", "remaining")
-"""Topics of which the torque is drawn."""
-
-
 def write_layout(scene: Scene, path: Path) -> None:
-    """Write the layout of a scene.
+    """Write a layout for Foxglove: the arm, real beside simulated, and torques and positions of each joint.
 
     Raises:
         GapscopeError: the file cannot be written.
     """
-    simulated = scene.simulated is not None
-    write_json(foxglove_layout(scene.arm.joints, simulated), path)
-
-
-def foxglove_layout(joints: Sequence[str], simulated: bool) -> dict[str, Any]:
-    """Content of a layout file.
-
-    Args:
-        joints: names of the joints.
-        simulated: whether the file holds a simulated arm too.
-    """
-    # the 3D panel: the description drawn at the frames of the recorded and of the simulated arm
-    layers = {"recorded": _description("recorded", "")}
-    if simulated:
-        layers["simulated"] = _description("simulated", SIMULATED)
-    configuration: dict[str, Any] = {
-        "3D!arm": {"followTf": BASE, "followMode": "follow-none", "layers": layers}
-    }
-    tabs = []
-    for number, joint in enumerate(joints):
-        plots = {
-            f"Plot!torque{number}": _plot(TORQUES, "effort", number),
-            f"Plot!position{number}": _plot(
-                ("recorded", "simulated"), "position", number
-            ),
-        }
-        configuration |= plots
-        first, second = plots
-        layout = {"first": first, "second": second, "direction": "column"}
-        tabs.append({"title": joint, "layout": layout})
-    configuration["Tab!joints"] = {"activeTabIdx": 0, "tabs": tabs}
-    return {
-        "configById": configuration,
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": {"speed": 1},
-        "layout": {
-            "first": "3D!arm",
-            "second": "Tab!joints",
-            "direction": "row",
-            "splitPercentage": 45,
-        },
-    }
-
-
-def _description(label: str, prefix: str) -> dict[str, Any]:
-    return {
-        "layerId": "foxglove.Urdf",
-        "instanceId": label,
-        "label": label,
-        "sourceType": "topic",
-        "topic": "/robot_description",
-        "framePrefix": prefix,
-        "visible": True,
-    }
-
-
-def _plot(topics: Sequence[str], field: str, joint: int) -> dict[str, Any]:
-    paths = []
-    for k, topic in enumerate(topics):
-        paths.append(
-            {
-                "value": f"/{topic}/joint_states.{field}[{joint}]",
-                "label": topic,
-                "color": COLOURS[k],
-                "enabled": True,
-                "timestampMethod": "headerStamp",
-            }
-        )
-    return {"paths": paths, "showLegend": True, "xAxisVal": "timestamp"}
+    arms = {"recorded": ""}
+    if scene.simulated is not None:
+        arms["simulated"] = SIMULATED
+    write_html(
+        "scene/foxglove.json.j2",
+        path,
+        joints=scene.arm.joints,
+        arms=arms,
+        base=BASE,
+        colours=COLOURS,
+    )

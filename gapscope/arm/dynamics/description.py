@@ -15,7 +15,7 @@ from typing import Any
 from xml.parsers import expat
 
 import numpy as np
-from pinocchio import SE3
+from pinocchio import SE3, exp3
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.errors import InputError
@@ -513,14 +513,9 @@ class _Reader:
         return self.several(element, key, np.full(count, default), place)
 
     def note(self, element: ET.Element, key: str, place: str, wanted: str) -> None:
-        """Note that an attribute is not what is wanted."""
-        name, line = f"<{element.tag} {key}>", self.lines[element]
+        """Note that an attribute is not what is wanted, or without one that an element lacks it."""
+        name, line = f"<{f'{element.tag} {key}'.strip()}>", self.lines[element]
         self.unreadable.append(Unreadable(place, line, name, element.get(key), wanted))
-
-    def lacks(self, inertial: ET.Element, what: str, place: str) -> None:
-        """Note that an inertial is incomplete."""
-        line = self.lines[inertial]
-        self.unreadable.append(Unreadable(place, line, "<inertial>", None, what))
 
     def inertial(
         self, element: ET.Element, pose: SE3, mass: float | None, own: np.ndarray
@@ -660,7 +655,7 @@ class _UrdfReader(_Reader):
             part = element.find(tag)
             lacking = [key for key in keys if part is None or part.get(key) is None]
             if lacking:
-                self.lacks(element, f"<{tag} {lacking[0]}>", place)
+                self.note(element, "", place, f"<{tag} {lacking[0]}>")
             values |= {key: self.one(part, key, place) or 0.0 for key in keys}
         own = moments_matrix(values[name] for name in MOMENTS)
         return self.inertial(element, self._place(element, place), values["value"], own)
@@ -719,18 +714,13 @@ TURNS: dict[str, tuple[float, ...]] = {
 """Attributes that turn an element, with what stands in for one that cannot be read."""
 
 
-def along(first: np.ndarray, second: np.ndarray) -> SE3:
-    """Place in the middle of two points [m] with the z axis from the first to the second."""
-    return SE3(_turn_of_z(second - first), (first + second) / 2)
-
-
 def _turn_of_z(direction: np.ndarray) -> np.ndarray:
     """The shortest turn from the z axis to a direction; unity of none, shape (3, 3)."""
     axis = np.cross([0.0, 0.0, 1.0], direction)
     size = np.linalg.norm(axis)
     angle = np.arctan2(size, direction[2])
     # about any axis across it to the opposite direction
-    return _turned(angle * (axis / size if size else np.array([1.0, 0.0, 0.0])))
+    return exp3(angle * (axis / size if size else np.array([1.0, 0.0, 0.0])))
 
 
 class _MjcfReader(_Reader):
@@ -973,7 +963,7 @@ class _MjcfReader(_Reader):
     def _inertial(self, element: ET.Element, place: str) -> Inertial:
         pose, own = self._place(element, place), np.zeros((3, 3))
         if element.get("mass") is None:
-            self.lacks(element, "mass", place)
+            self.note(element, "", place, "mass")
         if element.get("fullinertia") is not None:
             six = self.several(element, "fullinertia", np.zeros(6), place)
             # fullinertia is xx yy zz xy xz yz
@@ -981,7 +971,7 @@ class _MjcfReader(_Reader):
         elif element.get("diaginertia") is not None:
             own = np.diag(self.several(element, "diaginertia", ZERO, place))
         else:
-            self.lacks(element, "diaginertia", place)
+            self.note(element, "", place, "diaginertia")
         return self.inertial(element, pose, self.one(element, "mass", place), own)
 
     def _shape(self, element: ET.Element, place: str) -> Shape:
@@ -1003,9 +993,11 @@ class _MjcfReader(_Reader):
             size = tuple(self.several(element, "size", np.zeros(count), place))
             if "fromto" in element.attrib:
                 ends = self.several(element, "fromto", np.zeros(6), place).reshape(2, 3)
-                pose = along(*ends)
+                # in the middle, with the z axis from the one end to the other
+                way = ends[1] - ends[0]
+                pose = SE3(_turn_of_z(way), ends.mean(axis=0))
                 # half lengths of MJCF, as of all its sizes
-                size = size[0], float(np.linalg.norm(ends[1] - ends[0])) / 2
+                size = size[0], float(np.linalg.norm(way)) / 2
             size = _extent(kind, size)
         mass, density = (self.one(element, key, place) for key in ("mass", "density"))
         density = Shape.density if density is None else density
@@ -1027,7 +1019,7 @@ class _MjcfReader(_Reader):
                 one = Rotation.from_euler(letter.lower(), angle).as_matrix()
                 turn = turn @ one if letter.islower() else one @ turn
         elif key == "axisangle":
-            turn = _turned(_unit(given[:3]) * given[3] * self._angle)
+            turn = exp3(_unit(given[:3]) * given[3] * self._angle)
         elif key == "xyaxes":
             x = _unit(given[:3])
             # the second axis made normal to the first, as MuJoCo does
@@ -1041,11 +1033,6 @@ class _MjcfReader(_Reader):
 def _unit(vector: np.ndarray) -> np.ndarray:
     """A vector of length one, or none if it is none."""
     return np.asarray(vector / (np.linalg.norm(vector) or 1.0))
-
-
-def _turned(by: np.ndarray) -> np.ndarray:
-    """The rotation about a vector by its length [rad], shape (3, 3)."""
-    return np.asarray(Rotation.from_rotvec(by).as_matrix())
 
 
 def _extent(kind: str, size: tuple[float, ...]) -> tuple[float, ...]:

@@ -14,21 +14,18 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import listed
 from gapscope.arm.known_load import UPPER, point_mass_parameters
 
-THINNEST = 1e-3
-"""Least edge of a box [m], for inertias whose largest moment is the sum of the others or above it."""
-
 
 def box_edges(mass: float, moments: np.ndarray) -> np.ndarray:
     """Edges a_i [m] of the homogeneous box with principal moments I_i = m (a_j^2 + a_k^2) / 12, shape (3,).
 
-    Solved for the edges: a_i^2 = 6 (I_j + I_k - I_i) / m.
+    Solved for the edges: a_i^2 = 6 (I_j + I_k - I_i) / m; 0 if the largest moment is above the sum of the others.
 
     Args:
         mass: m [kg], above 0.
         moments: I about the centre of mass [kg m^2], shape (3,).
     """
     squares = 6 / mass * (moments.sum() - 2 * moments)
-    return np.sqrt(np.maximum(squares, THINNEST**2))
+    return np.sqrt(np.maximum(squares, 0.0))
 
 
 def inertia_boxes(model: pin.Model) -> pin.GeometryModel:
@@ -64,20 +61,22 @@ def odd_inertials(body: RigidBody) -> tuple[str, ...]:
     for joint, (name, link) in enumerate(zip(body.joints, body.links, strict=True), 1):
         inertia = body.model.inertias[int(link)]
         moments = np.linalg.eigvalsh(inertia.inertia)
-        place = f"{body.file}: the link moved by joint {joint} ({name})"
         if inertia.mass == 0 and not moments.any():
-            notes.append(
-                f"{place} has no <inertial>: it is simulated without mass; give it one if it has any"
+            said = (
+                "no <inertial>: it is simulated without mass; give it one if it has any"
             )
         elif inertia.mass == 0:
-            notes.append(
-                f"{place} has moments of inertia but no mass, which no body has; correct <mass>"
-            )
+            said = "moments of inertia but no mass, which no body has; correct <mass>"
         elif moments[2] > (1 + EXCESS) * (moments[0] + moments[1]):
-            notes.append(
-                f"{place} has the principal moments of inertia {listed(moments)} kg m^2, of which no body has one "
-                "above the sum of the others: they are simulated as they are; correct <inertia> if you can"
+            said = (
+                f"the principal moments of inertia {listed(moments)} kg m^2, of which no body has one above the sum of "
+                "the others: they are simulated as they are; correct <inertia> if you can"
             )
+        else:
+            continue
+        notes.append(
+            f"{body.file}: the link moved by joint {joint} ({name}) has {said}"
+        )
     return tuple(notes)
 
 

@@ -10,6 +10,11 @@ import pinocchio as pin
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 
+LEAST_JOINTS = 3
+"""Joints with which a tool can reach any place: it has three coordinates."""
+POSTURES = 1000
+"""Postures that stand for all of an arm's."""
+
 # Poses of all links of an arm along a motion, for pictures and logs.
 
 
@@ -36,14 +41,12 @@ def link_poses(body: RigidBody, q: np.ndarray) -> LinkPoses:
     """
     model, data = body.model, body.model.createData()
     links = [k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
-    in_order = q[:, body.order]
-    positions = np.empty((len(q), len(links), 3))
-    quaternions = np.empty((len(q), len(links), 4))
-    for i, state in enumerate(np.ascontiguousarray(in_order)):
+    poses = []
+    for state in np.ascontiguousarray(q[:, body.order]):
         pin.framesForwardKinematics(model, data, state)
-        for k, link in enumerate(links):
-            pose = pin.SE3ToXYZQUAT(data.oMf[link])
-            positions[i, k], quaternions[i, k] = pose[:3], pose[3:]
+        poses.append([pin.SE3ToXYZQUAT(data.oMf[link]) for link in links])
+    # position, then quaternion
+    positions, quaternions = np.split(np.array(poses), [3], axis=-1)
     names = tuple(model.frames[k].name for k in links)
     return LinkPoses(names, positions, quaternions)
 
@@ -96,14 +99,13 @@ class Kinematics:
         The tip is the tool, or the centre of mass of the last link if the tool lies on the last joint.
         """
         pin.framesForwardKinematics(self._model, self._data, q[self._order])
-        placements = list(self._data.oMi)[1:]
-        joints = [placement.translation for placement in placements]
+        # the universe comes first: its place is the base
+        *_, last = placements = list(self._data.oMi)
         tip = self._data.oMf[self._tool].translation
         # a tool on the joint's own axis would leave the last link without length
-        if np.abs(tip - joints[-1]).max() < 1e-3:
-            centre_of_mass = self._model.inertias[len(joints)].lever
-            tip = placements[-1].act(centre_of_mass)
-        return np.array([np.zeros(3), *joints, tip])
+        if np.allclose(tip, last.translation):
+            tip = last.act(self._model.inertias[len(placements) - 1].lever)
+        return np.array([*(place.translation for place in placements), tip])
 
 
 # How far a posture is from a singular one.
@@ -159,10 +161,10 @@ def inverse_kinematics(
         GapscopeError: the target was not reached.
     """
     q = np.array(start, dtype=float)
-    weight = np.repeat([1.0, TURN], len(target.position))
+    weight = np.repeat([1.0, TURN], LEAST_JOINTS)
     # fewer joints than six cannot choose an orientation: three rows are left
     if kinematics.n_joints < len(weight):
-        weight = weight[: len(target.position)]
+        weight = weight[:LEAST_JOINTS]
     rows = len(weight)
     for _ in range(ITERATIONS):
         error = _error(kinematics.tool(q), target)[:rows] * weight

@@ -17,9 +17,11 @@ from scipy.spatial import ConvexHull, QhullError
 
 from gapscope.arm.dynamics.description import Shape, read_description
 from gapscope.arm.dynamics.inertials import inertia_boxes
+from gapscope.arm.dynamics.kinematics import POSTURES
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import MOST
 
 # Shapes and named frames of a robot file, placed on the bodies that move them.
 
@@ -103,8 +105,6 @@ DIRECTIONS = 150
 """Directions in which the farthest point of a body is kept."""
 THICKNESS = 0.03
 """Radius of a rod over the length of the stretched arm [1]."""
-ROUND = 16
-"""Corners of a circle."""
 
 
 @dataclass(frozen=True)
@@ -125,37 +125,30 @@ class Hull:
 def link_hulls(body: RigidBody) -> tuple[Hull, ...]:
     """Hulls of the visual shapes of a URDF, or of its collision shapes; a body without any is a rod along the arm."""
     shapes, _ = read_shapes(body)
-    found: list[Hull] = []
+    found, model = list[Hull](), body.model
     # visual shapes first; collision ones only of bodies that have none
     for use in ("visual", "collision"):
         drawn = {hull.body for hull in found}
         for shape in shapes:
             frame = shape.frame
-            number = body.model.getJointId(frame.joint) if frame.joint else 0
+            number = model.getJointId(frame.joint) if frame.joint else 0
             if shape.use == use and number not in drawn:
                 # a picture can do without a mesh that cannot be read
-                points = shape_points(shape, DIRECTIONS, ROUND)
+                points = shape_points(shape, DIRECTIONS, DIRECTIONS)
                 if points is not None:
                     found += _hull(number, points @ frame.rotation.T + frame.position)
     drawn = {hull.body for hull in found}
-    # nothing is drawn of the others: rods to what they carry
-    bare = [number for number in range(body.model.njoints) if number not in drawn]
-    thickness = THICKNESS * reach(body)
-    for number in bare:
-        for end in _ends(body, number):
-            # a rod is the hull of a ball at either end
-            ball = thickness * directions(DIRECTIONS)
+    # a rod is the hull of a ball at either end
+    ball = THICKNESS * reach(body) * directions(DIRECTIONS)
+    for number in range(model.njoints):
+        if number in drawn:
+            continue
+        # nothing is drawn of it: rods to the joints that it carries, of the last to its centre of mass
+        carried = [k for k in range(1, model.njoints) if model.parents[k] == number]
+        ends = [model.jointPlacements[k].translation for k in carried]
+        for end in ends or [model.inertias[number].lever]:
             found += _hull(number, np.vstack([ball, ball + end]))
     return tuple(found)
-
-
-def _ends(body: RigidBody, number: int) -> list[np.ndarray]:
-    """Where the joints that a body carries stand in its frame [m], (3,) each; of the last its centre of mass."""
-    model = body.model
-    children = [k for k in range(1, model.njoints) if model.parents[k] == number]
-    if children:
-        return [model.jointPlacements[k].translation for k in children]
-    return [model.inertias[number].lever]
 
 
 def reach(body: RigidBody) -> float:
@@ -236,12 +229,8 @@ def directions(count: int) -> np.ndarray:
 # Distance of an arm to itself and to the surface that it stands on, by the collision shapes of its URDF or boxes.
 
 
-POSTURES = 1000
-"""Random postures on which pairs that touch nearly always, or never come near, are found."""
-OFTEN = 0.95
-"""Pairs that touch in this share of them are no collision."""
 FAR = 0.05
-"""Pairs that stay farther apart than this in all of them are left to the final check of a search [m]."""
+"""Pairs that stay farther apart than this in all random postures are left to the final check of a search [m]."""
 REMEDY = (
     "give the URDF beside its meshes, or leave collisions unchecked (--no-collisions)"
 )
@@ -284,8 +273,7 @@ class CollisionModel:
         # bodies on other joints than the same or neighbouring ones; the surface only bodies that move can reach
         on = [int(shape.parentJoint) for shape in self._shapes.geometryObjects]
         above, apart = self._model.parents, []
-        for first, second in combinations(range(len(on)), 2):
-            a, b = on[first], on[second]
+        for (first, a), (second, b) in combinations(enumerate(on), 2):
             beside = a == b or above[a] == b or above[b] == a
             if a > 0 if second >= bodies else not beside:
                 apart.append((first, second))
@@ -295,7 +283,7 @@ class CollisionModel:
         distances = self._sampled()
         overlapping = distances <= 0
         # hulls that overlap at zero or nearly always do so by construction
-        by_construction = overlapping[0] | (overlapping[1:].mean(axis=0) >= OFTEN)
+        by_construction = overlapping[0] | (overlapping[1:].mean(axis=0) >= MOST)
         self.left_out = tuple(compress(candidates, by_construction))
         kept = ~by_construction
         self._least = distances[:, kept].min(axis=0, initial=np.inf)
@@ -352,19 +340,16 @@ class CollisionModel:
 
     def _sampled(self) -> np.ndarray:
         """Distance of the present pairs [m] in the zero posture and in random ones, one row each."""
+        model, out = self._model, []
+        limits = (model.lowerPositionLimit, model.upperPositionLimit)
         # joints without limits within a turn
-        low = np.clip(self._model.lowerPositionLimit, -np.pi, np.pi)
-        high = np.clip(self._model.upperPositionLimit, -np.pi, np.pi)
-        zero = np.clip(np.zeros(self._model.nq), low, high)
-        random = np.random.default_rng(0).uniform(
-            low, np.maximum(low, high), (POSTURES, self._model.nq)
-        )
-        out = np.empty((POSTURES + 1, len(self.pairs)))
-        for row, q in enumerate([zero, *random]):
+        low, high = np.clip(limits, -np.pi, np.pi)
+        zero = np.clip(np.zeros(model.nq), low, high)
+        size, high = (POSTURES, model.nq), np.maximum(low, high)
+        for q in (zero, *np.random.default_rng(0).uniform(low, high, size)):
             self._compute(q)
-            results = self._geometry.distanceResults
-            out[row] = [result.min_distance for result in results]
-        return out
+            out.append([x.min_distance for x in self._geometry.distanceResults])
+        return np.array(out).reshape(POSTURES + 1, len(self.pairs))
 
 
 def _collision_shapes(arm: NominalArm, body: RigidBody) -> pin.GeometryModel:

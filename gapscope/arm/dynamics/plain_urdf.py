@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import UNLIMITED
+from gapscope.arm.dynamics.robot_file import UNLIMITED, listed
 from gapscope.arm.errors import InputError
 
 POSTURES = 12
@@ -104,28 +104,19 @@ def plain_urdf(links: tuple[Link, ...]) -> str:
     _add_link(robot, "base", 1.0, (np.zeros(3), np.zeros(3)))
     for link in links:
         _add_link(robot, link_name(link.joint), link.mass, link.inertial)
-        kind = (
-            "continuous"
-            if link.kind == "revolute" and link.limits is None
-            else link.kind
-        )
+        free = link.kind == "revolute" and link.limits is None
+        kind = "continuous" if free else link.kind
         joint = ET.SubElement(robot, "joint", name=link.joint, type=kind)
         ET.SubElement(joint, "parent", link=link_name(link.parent))
         ET.SubElement(joint, "child", link=link_name(link.joint))
         _add_origin(joint, link.origin)
         ET.SubElement(joint, "axis", xyz=numbers(link.axis))
         # a URDF asks for limits of every joint but a continuous one
-        if kind != "continuous":
+        if not free:
             # what engines make of limits that are none differs: wide ones are written
-            low, high = link.limits or (-UNLIMITED, UNLIMITED)
-            ET.SubElement(
-                joint,
-                "limit",
-                lower=repr(low),
-                upper=repr(high),
-                effort="1e9",
-                velocity="1e9",
-            )
+            low, high = map(repr, link.limits or (-UNLIMITED, UNLIMITED))
+            limit = ET.SubElement(joint, "limit", lower=low, upper=high)
+            limit.attrib |= {"effort": "1e9", "velocity": "1e9"}
     return ET.tostring(robot, encoding="unicode")
 
 
@@ -173,9 +164,7 @@ def check_inertia(body: RigidBody, at_fault: str = "") -> None:
     if not bad:
         return
     joint = bad[0]
-    moments = ", ".join(
-        f"{moment:.4g}" for moment in np.linalg.eigvalsh(inertias[joint].inertia)
-    )
+    moments = listed(np.linalg.eigvalsh(inertias[joint].inertia))
     raise InputError(
         f"the link moved by joint {joint + 1} ({body.joints[joint]}) has mass {inertias[joint].mass:.4g} kg and "
         f"principal moments of inertia {moments} kg m^2, which cannot be simulated",

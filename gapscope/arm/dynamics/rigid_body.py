@@ -122,6 +122,11 @@ class RigidBody:
 
         return self._cached("inverse dynamics", computed, q, dq, ddq)[0].copy()
 
+    def gravity_torque(self, q: np.ndarray) -> np.ndarray:
+        """g(q), shape (N, n)."""
+        still = np.zeros_like(q)
+        return self.inverse_dynamics(q, still, still)
+
     def _cached(
         self,
         name: str,
@@ -291,13 +296,12 @@ class RigidBody:
 
     def gravity_regressor(self, q: np.ndarray) -> np.ndarray:
         """G(q) [kg m], shape (N, n, 3), with g(q) = G(q) g for gravity g in the base frame [m/s^2]."""
-        still = np.zeros_like(q)
         # gravity torque is linear in gravity: one axis at a time
         turned = self.changed(np.zeros((self.n_joints, 10)), np.zeros(3))
         columns = []
         for gravity in np.eye(3):
             turned.model.gravity = pin.Motion(gravity, np.zeros(3))
-            columns.append(turned.inverse_dynamics(q, still, still))
+            columns.append(turned.gravity_torque(q))
         return np.stack(columns, axis=2)
 
     def regressor(

@@ -23,13 +23,11 @@ from gapscope.arm.dynamics.description import (
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.table import shortened
 from gapscope.arm.nearest_name import nearest
-from gapscope.arm.nominal import check_size
+from gapscope.arm.nominal import LARGEST, check_size
 
 SAME_INERTIA = 4
 """So many links of different masses with the same moments of inertia have no moments of their own [1]."""
-ROUNDING = 1e-15
-"""Moments of inertia this far below zero are rounding of a file that was converted [kg m^2]."""
-UNLIMITED = 1e6
+UNLIMITED = LARGEST["length"][0]
 """Position limits beyond this [rad or m] are none."""
 
 
@@ -60,7 +58,9 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
     tag = "link" if description.form == "URDF" else "body"
     places |= {f"{tag} {name}" for name in moved}
     # shapes have a say only where MuJoCo weighs a body by them
-    places |= {f"shape of {tag} {name}" for name in moved & _by_shape(description)}
+    if description.form == "MJCF":
+        bare = {x.name for x in description.links if x.drawn and x.inertial is None}
+        places |= {f"shape of {tag} {name}" for name in moved & bare}
     poses = {f"body {joint.child}" for joint in used}
     for found in description.unreadable:
         other = found.place.removeprefix("joint ") not in joints
@@ -167,7 +167,7 @@ def _check_inertial(inertial: Inertial, path: Path, where: str) -> None:
     check_size(inertial.com, "length", path, where)
     moments = np.linalg.eigvalsh(inertial.moments)
     # a negative moment within rounding of the largest one, or of a conversion
-    if moments[0] < -max(1e-6 * abs(moments[2]), ROUNDING):
+    if moments[0] < -max(1e-6 * abs(moments[2]), np.finfo(float).eps):
         raise InputError(
             f"it has the principal moments {listed(moments)} kg m^2, expected none below zero",
             "correct the moments: they are about the centre of mass, in the axes of the inertial's frame",
@@ -234,13 +234,6 @@ def _check_tree(
 
 
 # --- bodies that an MJCF file weighs by their shapes
-
-
-def _by_shape(description: Description) -> set[str]:
-    """Links without inertial that have shapes of an MJCF file."""
-    if description.form == "URDF":
-        return set()
-    return {x.name for x in description.links if x.drawn and x.inertial is None}
 
 
 def _weighed(shape: Shape) -> pin.Inertia:

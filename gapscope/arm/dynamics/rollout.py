@@ -179,10 +179,10 @@ class Stepper:
 
     def set_drives(self, plant: Plant) -> None:
         """Take rotors, friction and offset of a plant, not its links."""
-        self._armature = plant.armature[self.order]
-        self._viscous = plant.viscous[self.order]
-        self._coulomb = plant.coulomb[self.order]
-        self._offset = plant.offset[self.order]
+        drives = (plant.armature, plant.viscous, plant.coulomb, plant.offset)
+        self._armature, self._viscous, self._coulomb, self._offset = (
+            x[self.order] for x in drives
+        )
 
     def friction(self, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Friction b v + c tanh(v / v0) [N m], and the slope b + s [N m s/rad]; shape (R, n) each."""
@@ -255,13 +255,12 @@ def roll_outs(
     steps = steps_per_tick(controller)
     stepper = Stepper(body, plant, 1.0 / (controller.rate * steps), len(commands))
     order, places = body.order, body.places
-    q_ref = together([c.q for c in commands])
-    dq_ref = together([c.dq for c in commands])
-    feedforward = together([c.torque for c in commands])
+    q_ref, dq_ref, feedforward = (
+        together([getattr(c, name) for c in commands]) for name in ("q", "dq", "torque")
+    )
     start, start_speed = q_ref[0], dq_ref[0]
     if starts is not None:
-        start = np.array([position for position, _ in starts])
-        start_speed = np.array([speed for _, speed in starts])
+        start, start_speed = np.array(starts).swapaxes(0, 1)
     velocity = VelocityFilter(
         controller.rate,
         controller.velocity_cutoff,
@@ -294,13 +293,11 @@ def roll_outs(
                 "check (a) the controller's gains and units, (b) that the parameters make a positive mass matrix, "
                 "(c) that reference and recording belong together",
             )
-    out = []
-    for k, c in enumerate(commands):
-        rows = slice(len(c.t)), k
-        out.append(
-            RollOut(c.t, positions[rows], filtered[rows], torques[rows], speeds[rows])
-        )
-    return tuple(out)
+    found = (positions, filtered, torques, speeds)
+    return tuple(
+        RollOut(c.t, *(series[: len(c.t), k] for series in found))
+        for k, c in enumerate(commands)
+    )
 
 
 def together(series: Sequence[np.ndarray]) -> np.ndarray:
@@ -359,9 +356,10 @@ def sensitivity(
     dt, states = 1.0 / (rate * steps), len(rolled)
     stepper = _TangentStepper(body, plant, directions, dt, states)
     order, places = body.order, body.places
-    q = together([r.q[::every] for r in rolled])
-    speed = together([r.speed[::every] for r in rolled])
-    tau = together([r.tau[::every] for r in rolled])
+    q, speed, tau = (
+        together([getattr(r, name)[::every] for r in rolled])
+        for name in ("q", "speed", "tau")
+    )
     # a torque at its limit depends on nothing
     unlimited = np.ones_like(tau)
     if limit is not None:
@@ -376,8 +374,7 @@ def sensitivity(
         at_rest,
         rule,
     )
-    kp = controller.kp[:, None]
-    kd = controller.kd[:, None]
+    kp, kd = controller.kp[:, None], controller.kd[:, None]
     position_along = np.empty((*q.shape, directions.shape[1]))
     torque_along = np.empty_like(position_along)
     q_along, dq_along = at_rest, at_rest
@@ -489,8 +486,8 @@ class _TangentStepper(Stepper):
         sign = np.tanh(x)
         sign_slope = 1 - sign**2
         fade = taper(x)
-        # d(taper) / dx, whose quotient has no limit that a computer finds at x = 0
-        moving = np.abs(x) > 1e-4
+        # d(taper) / dx: at x = 0 it vanishes, and its quotient is lost in rounding
+        moving = np.abs(x) > np.cbrt(np.finfo(float).eps)
         safe = np.where(moving, x, 1.0)
         quotient = sign_slope / safe - sign / safe**2
         curve = quotient * np.exp(-(x**2) / 16) - fade * x / 8

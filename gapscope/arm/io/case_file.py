@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -26,11 +27,8 @@ from gapscope.arm.known_load import KnownLoad
 
 
 LARGEST_YAML = 5_000_000
-"""Size of the largest YAML file that is read [bytes]; that of a case has some kB."""
-DEEPEST_YAML = 300
-"""Open brackets of a YAML file: the parser looks at all of them at each word, and recurses."""
-LARGEST_EXPANSION = 1_000_000
-"""Values that a YAML file may stand for, aliases written out [1]."""
+"""Size of the largest YAML file that is read [bytes]; that of a case has some kB. Nor may it stand for more
+values, aliases written out."""
 
 _KINDS = {
     "object": "a mapping (key: value)",
@@ -95,6 +93,11 @@ _Loader.add_implicit_resolver(
 )
 
 
+def is_case(path: Path) -> bool:
+    """Whether a path names a case: a folder, or a YAML file."""
+    return is_folder(path) or path.suffix in (".yaml", ".yml")
+
+
 def read_case_file(path: Path) -> dict[str, Any]:
     """Content of a case file, as plain data.
 
@@ -143,8 +146,8 @@ def _loaded(text: str) -> Any:
     """
     # brackets that are open at once, those in quotes and comments among them
     steps = [1 if bracket in "[{" else -1 for bracket in re.findall(r"[\[\]{}]", text)]
-    # counted before parsing: PyYAML takes long for what is nested deeply
-    if max(accumulate(steps), default=0) > DEEPEST_YAML:
+    # counted before parsing: PyYAML looks at all that are open at each word, and recurses
+    if max(accumulate(steps), default=0) > sys.getrecursionlimit():
         raise RecursionError
     loader = _Loader(text)
     try:
@@ -152,9 +155,9 @@ def _loaded(text: str) -> Any:
         root = loader.get_single_node()
         if root is None:
             return None
-        if _expanded_size(root, {}) > LARGEST_EXPANSION:
+        if _expanded_size(root, {}) > LARGEST_YAML:
             raise yaml.YAMLError(
-                f"its aliases stand for more than {LARGEST_EXPANSION} values"
+                f"its aliases stand for more than {LARGEST_YAML} values"
             )
         return loader.construct_document(root)
     finally:
@@ -172,14 +175,12 @@ def _expanded_size(node: yaml.Node, known: dict[int, int]) -> int:
         return known[id(node)]
     # 0 while its parts are counted: met again, it is a part of itself
     known[id(node)] = 0
-    size = 1
-    if isinstance(node, yaml.SequenceNode):
-        size += sum(_expanded_size(entry, known) for entry in node.value)
+    parts = node.value if isinstance(node, yaml.CollectionNode) else []
     # a mapping's keys count as well as what they stand for
     if isinstance(node, yaml.MappingNode):
-        size += sum(_expanded_size(part, known) for pair in node.value for part in pair)
-    known[id(node)] = size
-    return size
+        parts = [part for pair in parts for part in pair]
+    known[id(node)] = 1 + sum(_expanded_size(part, known) for part in parts)
+    return known[id(node)]
 
 
 def check(content: Any, path: Path | None, section: str = "", prefix: str = "") -> None:
@@ -217,23 +218,23 @@ def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, s
     if rule == "required":
         missing = next(key for key in expected if key not in value)
         return f"lacks the key {missing!r}", f"add {missing}: to it"
-    words = {
-        "expected": expected,
-        "value": value,
-        "shown": _shown(value),
-        "count": len(value) if hasattr(value, "__len__") else 0,
-        "listed": ", ".join(map(str, expected)) if rule == "enum" else "",
-    }
-    if rule == "type":
+    listed, shown = "", repr(value)
+    if rule == "enum":
+        listed = ", ".join(map(str, expected))
+    elif rule == "type":
         kinds = [expected] if isinstance(expected, str) else expected
-        words["listed"] = " or ".join(_KINDS[kind] for kind in kinds)
-    return _RULES.get(rule, "must not be empty, got {shown}").format(**words), ""
-
-
-def _shown(value: Any) -> str:
-    """A value in a message, its beginning if it is long."""
-    text = repr(value)
-    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} ..."
+        listed = " or ".join(_KINDS[kind] for kind in kinds)
+    # of a long value its beginning
+    if len(shown) > LONGEST_SHOWN:
+        shown = f"{shown[:LONGEST_SHOWN]} ..."
+    said = _RULES.get(rule, "must not be empty, got {shown}").format(
+        expected=expected,
+        value=value,
+        shown=shown,
+        count=len(value) if hasattr(value, "__len__") else 0,
+        listed=listed,
+    )
+    return said, ""
 
 
 # The ``controller:`` section of a case, in the case file or in a file of its own.
@@ -469,11 +470,12 @@ def known_loads(content: Mapping[str, Any], paths: CasePaths) -> dict[Path, Know
     section = content.get("payloads")
     if not section:
         return {}
-    files: dict[str, Path] = {}
-    for part in ("recordings", "judge"):
-        for entry in content.get(part, []):
-            for text in [entry] if isinstance(entry, str) else entry.values():
-                files[text] = paths.file.parent / paths.expand(text, part)
+    files = {
+        text: paths.file.parent / paths.expand(text, part)
+        for part in ("recordings", "judge")
+        for entry in content.get(part, [])
+        for text in ([entry] if isinstance(entry, str) else entry.values())
+    }
     found = {}
     for name, entry in section.items():
         if name not in files:

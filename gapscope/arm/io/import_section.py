@@ -19,9 +19,6 @@ from gapscope.arm.recording import CHANNELS
 NORMALISED = "normalised"
 """Unit of positions that run from -100 to 100 over the range of a joint, as LeRobot stores them."""
 
-_CURRENTS = ("A", "mA")
-_MOTOR_MOTION = ("q", "dq", "q_ref", "dq_ref")
-
 
 @dataclass(frozen=True)
 class Channel:
@@ -132,9 +129,8 @@ class Import:
         out = dict(values)
         if self.transmission is not None:
             inverse = np.linalg.inv(self.transmission)
-            for name in _MOTOR_MOTION:
-                if name in out:
-                    out[name] = out[name] @ inverse.T
+            for name in out.keys() & {"q", "dq", "q_ref", "dq_ref"}:
+                out[name] = out[name] @ inverse.T
             if "tau" in out:
                 # power is the same on both sides: R^T tau_motor, here of rows
                 out["tau"] = out["tau"] @ self.transmission
@@ -300,7 +296,7 @@ def _channel(name: str, entry: Any, n_joints: int) -> Channel | None:
         return np.array(_per_joint(value, n_joints, f"{name}.{key}"), dtype=float)
 
     unit, factor = entry.get("unit", ""), number("scale")
-    if unit in _CURRENTS:
+    if unit in ("A", "mA"):
         if "motor_constant" not in entry:
             raise _fault(
                 name,
@@ -329,9 +325,6 @@ def _channel(name: str, entry: Any, n_joints: int) -> Channel | None:
 
 # The calibration file of a LeRobot arm: what its normalised positions are in radians.
 
-
-GRIPPER = "gripper"
-"""The motor whose positions run from 0 to 100; all others from -100 to 100."""
 
 _RANGE_KEYS = ("drive_mode", "homing_offset", "range_min", "range_max")
 
@@ -370,7 +363,7 @@ def _calibration(path: Path) -> dict[str, tuple[float, float]]:
                 where=where,
             )
         span = (high - low) * 2 * np.pi / STEPS_PER_TURN
-        from_zero = name.endswith(GRIPPER)
+        from_zero = name.endswith("gripper")
         # from 0 to 100 of a gripper, from -100 to 100 of the others: zero in the middle
         factor, offset = (span / 100, -span / 2) if from_zero else (span / 200, 0.0)
         sign = -1.0 if given["drive_mode"] else 1.0

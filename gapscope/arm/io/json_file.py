@@ -76,9 +76,7 @@ def schema_fault(
 
 def field(path: Iterable[str | int], first: int = 0) -> str:
     """A path in a document as in Python, ``effects[0].share``; entries of lists count from ``first``."""
-    steps = [
-        f"[{step + first}]" if isinstance(step, int) else f".{step}" for step in path
-    ]
+    steps = (f"[{s + first}]" if isinstance(s, int) else f".{s}" for s in path)
     return "".join(steps).lstrip(".")
 
 

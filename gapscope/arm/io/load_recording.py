@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +42,7 @@ from gapscope.arm.io.plausibility import (
     repeated_rows,
     without_rows,
 )
-from gapscope.arm.io.table import GAP_STEPS, Log, Table, damage
+from gapscope.arm.io.table import GAP_STEPS, Damage, Log, Table, damage
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import (
@@ -79,11 +81,12 @@ def fitted_parts(entry: Entry, importing: Import) -> list[Part]:
     """
     if not (isinstance(entry, Path) and is_dataset(entry)):
         return [Part(entry, rows) for rows in importing.fit or (None,)]
-    topic = importing.topic
-    episodes = importing.fit_episodes or dataset_episodes(entry)
-    # a topic may also name one episode
-    named = [k for k in episodes if topic in (None, episode_name(k))]
-    return [Part(entry, episode=episode) for episode in named]
+    return [
+        Part(entry, episode=episode)
+        for episode in importing.fit_episodes or dataset_episodes(entry)
+        # a topic may also name one episode
+        if importing.topic in (None, episode_name(episode))
+    ]
 
 
 def judged_parts(entry: Entry, importing: Import) -> list[Part]:
@@ -317,9 +320,10 @@ class _Reader:
                     own = replace(own, unit=q.unit, factor=factor)
             own = self._calibrated(name, own)
             # one table, several channels: it is joined once
-            same = [channels for other, channels in held if other is table]
-            if same:
-                same[0][name] = own
+            for other, channels in held:
+                if other is table:
+                    channels[name] = own
+                    break
             else:
                 held.append((table, {name: own}))
         return self._timed(held)
@@ -404,18 +408,17 @@ class _Reader:
     def _doubt(self, table: Table, main: Table, channel: Channel) -> str:
         """Why a table that nobody named for a channel is not to be joined to the positions; empty if nothing is."""
         names, time = channel.names(self.arm.joints), self.importing.time.column or "t"
-        missing = [name for name in names if name not in table.columns]
-        if missing:
-            return f"it has no column {missing[0]}"
+        for name in names:
+            if name not in table.columns:
+                return f"it has no column {name}"
         if time not in table.columns or time not in main.columns:
             rows = f"it has {len(table)} rows, the positions have {len(main)}"
             return f"{rows}, and not both have a column {time}"
-        values = [table.columns[name] for name in names]
-        if not np.isfinite(np.asarray(values, dtype=float)).all():
+        if not np.isfinite([table.values(name) for name in names]).all():
             return "it is not finite throughout"
         t, stamps = main.columns[time], table.columns[time]
         # a table that covers a part of the motion would cut the recording to it
-        covered = float(np.mean((t >= stamps[0]) & (t <= stamps[-1])))
+        covered = np.mean((t >= stamps[0]) & (t <= stamps[-1]))
         return (
             "" if covered >= MIN_OVERLAP else f"it covers {covered:.0%} of the motion"
         )
@@ -559,24 +562,20 @@ class _Reader:
             InputError: there are too many.
         """
         main, time = held[0][0], self.importing.time.column
-        beside, found = [], []
+        found: list[tuple[Damage, bool]] = []
         for table, channels in held:
             columns = [
                 name
                 for each in channels.values()
                 for name in each.names(self.arm.joints)
             ]
-            found.append(damage(table, columns, time))
-            # by row: a row that one of them lacks is lost to all
-            beside.append(
-                table is main or (self.by_row(table) and len(table) == len(main))
-            )
-        shared = found[0]
-        for own, joined in zip(found[1:], beside[1:], strict=True):
-            shared = shared | own if joined else shared
+            joined = self.by_row(table) and len(table) == len(main)
+            found.append((damage(table, columns, time), table is main or joined))
+        # by row: a row that one of them lacks is lost to all
+        shared = reduce(or_, (own for own, joined in found if joined))
         sound: Held = []
         # what is joined by time may lose rows of its own
-        for (table, channels), own, joined in zip(held, found, beside, strict=True):
+        for (table, channels), (own, joined) in zip(held, found, strict=True):
             lost = shared if joined else own
             said = lost.notes(table)
             if table is main or not joined:
@@ -632,11 +631,11 @@ class _Reader:
         inside = np.ones(len(main), dtype=bool)
         for table, channels in held:
             for name, channel in channels.items():
-                values[name] = self._channel(table, channel)
+                own = self._channel(table, channel)
                 if table is not main:
-                    joined = self._joined(values[name], table, main, t)
-                    values[name], covered = joined
+                    own, covered = self._joined(own, table, main, t)
                     inside &= covered
+                values[name] = own
         values = {name: values[name] for name in CHANNELS if name in values}
         if not inside.all():
             cut = int((~inside).sum())
@@ -668,9 +667,8 @@ class _Reader:
                 )
             values = with_sign(values, channel.sign_bit)
         # a pattern that also names a joint beyond the last one: another arm
-        surplus = ""
-        if isinstance(channel.column, str) and not listed:
-            surplus = name_of(channel.column, arm.n_joints, "")
+        pattern = "" if listed or isinstance(channel.column, tuple) else channel.column
+        surplus = name_of(pattern, arm.n_joints, "")
         if surplus in table.columns:
             raise InputError(
                 f"has a column {surplus}, but the arm has only {arm.n_joints} joints: {', '.join(arm.joints)}",
@@ -721,8 +719,7 @@ class _Reader:
             )
         if self.importing.join == "hold":
             # before the first of its stamps nothing is held: those rows are cut
-            last = np.searchsorted(time, t, side="right") - 1
-            return values[np.maximum(last, 0)], covered
+            return values[np.searchsorted(time[1:], t, side="right")], covered
         # straight lines would look like the set points of a slow controller; PCHIP does not overshoot steps
         different = np.r_[True, np.diff(time) > 0]
         curve = PchipInterpolator(time[different], values[different])
@@ -787,12 +784,12 @@ def joined_in_time(recordings: Sequence[Recording]) -> list[Recording]:
     # what came before a file has its final time by then
     for after in sorted(range(len(out)), key=lambda k: float(out[k].stamps[0])):
         other = out[after]
-        # by the clock of both
-        begin = other.begun + other.t[0]
-        steps = [(one, begin - (one.begun + one.t[-1])) for one in out]
-        # a recorder begins the next file within a few periods
-        ended = [one for one, step in steps if 0.0 < step <= GAP_STEPS / one.rate]
-        if ended:
-            later = other.begun - ended[0].begun
-            out[after] = replace(other, t=other.t + later, begun=ended[0].begun)
+        for one in out:
+            # by the clock of both
+            later = other.begun - one.begun
+            step = later + other.t[0] - one.t[-1]
+            # a recorder begins the next file within a few periods
+            if 0.0 < step <= GAP_STEPS / one.rate:
+                out[after] = replace(other, t=other.t + later, begun=one.begun)
+                break
     return out

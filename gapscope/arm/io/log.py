@@ -21,23 +21,24 @@ __all__ = ["READERS", "Log", "open_log"]
 CHECK_PATH = "check the path"
 
 
-def _of_one_table(read: Callable[[Path], Table]) -> Callable[[Path], Log]:
-    """Reader of a log from the reader of a file with one table."""
+_OF_ONE_TABLE: dict[str, Callable[[Path], Table]] = {
+    ".csv": read_csv,
+    ".tsv": read_csv,
+    ".txt": read_csv,
+    ".parquet": read_parquet,
+    ".npz": read_npz,
+}
 
-    def open_table(path: Path) -> Log:
-        check_file(path, CHECK_PATH, LARGEST_IN_MEMORY)
-        kind = path.suffix.lstrip(".").upper()
-        return Log(path, kind, (replace(read(path), kind=kind),))
 
-    return open_table
+def _read_table(path: Path) -> Log:
+    """Log of a file with one table."""
+    check_file(path, CHECK_PATH, LARGEST_IN_MEMORY)
+    table, kind = _OF_ONE_TABLE[path.suffix.lower()](path), path.suffix[1:].upper()
+    return Log(path, kind, (replace(table, kind=kind),))
 
 
 READERS: dict[str, Callable[[Path], Log]] = {
-    ".csv": _of_one_table(read_csv),
-    ".tsv": _of_one_table(read_csv),
-    ".txt": _of_one_table(read_csv),
-    ".parquet": _of_one_table(read_parquet),
-    ".npz": _of_one_table(read_npz),
+    **dict.fromkeys(_OF_ONE_TABLE, _read_table),
     ".db3": read_bag,
     ".mcap": read_bag,
     ".h5": read_hdf5,

@@ -10,10 +10,10 @@ from scipy.special import ndtri
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.layouts import UNITS
-from gapscope.arm.io.table import LARGEST_NUMBER, Table, runs
+from gapscope.arm.io.table import GAP_STEPS, LARGEST_NUMBER, Table, runs
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import MOST, STILL, Recording, kept_values
+from gapscope.arm.recording import MOST, STILL, STUCK_TIME, Recording, kept_values
 
 # The clock of a recording: how even its stamps are, and whether its rows were taken evenly though stamped unevenly.
 #
@@ -61,7 +61,7 @@ def even_stamps_of_rows(t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
     """
     steps = np.diff(t)
     # longer steps have lost rows in them: counted, they would be too short
-    if len(t) < 4 or steps.max() > LOST_SAMPLE_STEP * np.median(steps):
+    if len(t) < 2 or steps.max() > LOST_SAMPLE_STEP * np.median(steps):
         return None
     rows = np.arange(len(t), dtype=float)
     return even_stamps(t, rows) if stamps_are_wrong(t, q, rows) else None
@@ -307,8 +307,8 @@ def repeated_rows(
     """Rows that repeat the time stamp or the whole measurement before them; mask of shape (N,), and notes.
 
     A logger faster than the robot's bus stores a measurement twice. It is treated as that if every measured
-    channel, a noisy one (velocity or torque) among them, repeats for one to three rows and the position moves on
-    after them; an arm at rest repeats itself for longer and keeps its rows.
+    channel, a noisy one (velocity or torque) among them, repeats for so few rows that no gap is left, and something
+    moves on after them; an arm at rest repeats itself for longer and keeps its rows.
     """
     notes = []
     stamp = np.r_[False, np.diff(t) == 0]
@@ -324,8 +324,9 @@ def repeated_rows(
             if name in values:
                 same[1:] &= (values[name][1:] == values[name][:-1]).all(axis=1)
         for rows in runs(same):
-            # at most three rows, and something moves on after them: else the arm rests
-            stale[rows] = rows.stop - rows.start <= 3 and rows.stop < len(t)
+            # not at the end, where nothing moves on after them
+            few = rows.stop - rows.start < GAP_STEPS
+            stale[rows] = few and rows.stop < len(t)
     stale &= ~stamp
     if stale.any():
         notes.append(f"{REPEATED}{stale.sum()} ({stale.mean():.2%})")
@@ -387,14 +388,9 @@ SPIKE_ROUGHNESS = 8.0
 EDGE_ROUGHNESS = 2.0
 """The first and last two positions have neighbours on one side: there this factor is added [1]. Torques are left as
 they are there: a controller that is switched on jumps, and what is trimmed from a recording holds it."""
-MAX_SPIKES = 0.02
-"""With a larger share of a joint's samples it is no spikes but the signal [1]."""
-ABSURD = 1e5
-"""Numbers of more standard deviations than this are no samples [1]: they are left, and an error says where they are."""
 TAIL = 0.025
-"""Share of the samples at either end that has no say in deviations, so that spikes do not hide themselves [1]."""
-FEWEST_ROWS = 20
-"""In shorter recordings nothing is usual."""
+"""Share of the samples at either end that has no say in deviations, so that spikes do not hide themselves; more spikes
+than that are the signal [1]."""
 
 SENSED = ("q", "dq", "tau", "tau_sensor")
 BRIDGED = "spikes replaced by the curve through their neighbours: "
@@ -411,7 +407,8 @@ def without_spikes(
         values: channels by name, (N, n) each.
         per_radian: what counts as a radian of each joint, (n,): see ``NominalArm.per_radian``.
     """
-    if len(t) < FEWEST_ROWS:
+    # in a recording so short a single spike would be more than a tail
+    if TAIL * len(t) < 1:
         return values, ()
     step = float(np.median(np.diff(t)))
     out, counts = dict(values), []
@@ -428,8 +425,7 @@ def without_spikes(
             least = 0.5 * IMPOSSIBLE_ACCELERATION * step**2 * per_radian
         for j, series in enumerate(values[name].T):
             rows = spikes(series, float(least[j]), ends=name == "q")
-            absurd = np.abs(series[rows] - np.median(series)) > ABSURD * deviation[j]
-            if not len(rows) or absurd.any():
+            if not len(rows):
                 continue
             # copied once, when the first spike is found
             if out[name] is values[name]:
@@ -469,7 +465,7 @@ def spikes(series: np.ndarray, least: float, *, ends: bool = True) -> np.ndarray
     after = np.clip(np.searchsorted(good, places), 1, len(good) - 1)
     left, right = series[good[after - 1]], series[good[after]]
     found &= np.abs(series - 0.5 * (left + right)) > np.abs(right - left)
-    return np.flatnonzero(found) if found.mean() <= MAX_SPIKES else none
+    return np.flatnonzero(found) if found.mean() <= TAIL else none
 
 
 def _bridged(t: np.ndarray, series: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -486,8 +482,6 @@ def _bridged(t: np.ndarray, series: np.ndarray, rows: np.ndarray) -> np.ndarray:
 # Where the arm was meanwhile is unknown: the rows are left out, and leave a gap in time.
 
 
-STUCK_TIME = 0.1
-"""A position that stands for less is left as it is [s]: slow updates do that."""
 LEAP = 20.0
 """It was stuck if it then leaps by so many of its usual steps [1]."""
 LEFT_OUT = "rows left out in which a position stands still and then leaps: "

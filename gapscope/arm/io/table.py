@@ -21,8 +21,8 @@ from gapscope.arm.errors import InputError
 
 GAP_STEPS = 4.0
 """A step of time longer than this many usual steps is a gap, over which nothing is interpolated [1]."""
-LARGEST_NUMBER = 1e50
-"""Size of the largest number in a log, whatever it counts; squares and products of larger ones overflow [1]."""
+LARGEST_NUMBER = float(np.sqrt(np.sqrt(np.finfo(float).max)))
+"""Size of the largest number in a file, whatever it counts; products of four larger ones overflow [1]."""
 NO_VALUE = ("", "nan", "-nan", "null", "none", "na", "n/a", "-")
 """What stands in a cell that has no value, in lower case."""
 
@@ -62,13 +62,13 @@ class Table:
     @property
     def unnamed(self) -> bool:
         """Whether its columns are called by their numbers, for lack of names."""
-        return list(self.columns) == [str(j + 1) for j in range(len(self.columns))]
+        return all(name == str(j) for j, name in enumerate(self.columns, 1))
 
     def named(self, column: str) -> str:
         """Name of a column that is given by its name, or by its number in the file, from 1."""
         if column in self.columns or not column.isdecimal():
             return column
-        return dict(enumerate(self.columns, start=1)).get(int(column), column)
+        return dict(enumerate(self.columns, 1)).get(int(column), column)
 
     def part(self, first: int, last: int) -> Table:
         """Rows ``first`` to ``last``, both included, counted from 0 below the header.
@@ -210,11 +210,10 @@ def _number(cell: Any) -> np.ndarray:
 
 def is_number(cell: Any) -> bool:
     """Whether a cell is a number, or a text that is one."""
-    try:
+    with suppress(ValueError, TypeError):
         float(cell)
-    except (ValueError, TypeError):
-        return False
-    return True
+        return True
+    return False
 
 
 def numbered(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -346,7 +345,7 @@ class Damage:
             raise self._error(table)
         notes = []
         if count:
-            said = self._said(np.flatnonzero(scattered))
+            said = self._said(np.flatnonzero(scattered).tolist())
             notes.append(f"{DAMAGED}{count} of {total} ({count / total:.2%}): {said}")
         if pauses:
             lost = sum(rows.stop - rows.start for rows in pauses)
@@ -355,21 +354,19 @@ class Damage:
             notes.append(f"{PAUSE}{lost} of {total} in {blocks}: {said}")
         return tuple(notes)
 
-    def _said(self, rows: Iterable[int]) -> str:
+    def _said(self, rows: Sequence[int]) -> str:
         """The first of some rows with what is wrong, and how many more there are."""
-        rows = list(rows)
-        named = [self.first[int(row)] for row in rows[:NAMED] if int(row) in self.first]
+        named = [self.first[row] for row in rows[:NAMED] if row in self.first]
         more = len(rows) - len(named)
         return "; ".join([*named, *([f"and {more} more"] if more else [])])
 
     def _error(self, table: Table) -> InputError:
-        wrong = np.flatnonzero(~self.sound)
-        cells = [self.first[int(row)] for row in wrong[:1] if int(row) in self.first]
+        wrong = np.flatnonzero(~self.sound).tolist()
         remedy = (
             f"up to {MAX_DAMAGED:.0%} of the rows are left out; repair the file, or say null in the import: section "
             "for a channel that lacks values; a missing value is never guessed"
         )
-        if any("decimal comma" in text for text in cells):
+        if "decimal comma" in self.first.get(wrong[0], ""):
             remedy = "write decimal points"
         return InputError(
             f"{len(wrong)} of {len(self.bad)} rows cannot be read: {self._said(wrong)}",

@@ -153,9 +153,10 @@ def _fill(case: Case, folder: Path, ending: str) -> None:
         content["locked"] = dict(case.arm.locked)
     if case.controller is not None:
         content["controller"] = controller_section(case.controller)
-    content["recordings"] = names[: len(case.recordings)]
+    fitted = len(case.recordings)
+    content["recordings"] = names[:fitted]
     if case.judged:
-        content["judge"] = names[len(case.recordings) :]
+        content["judge"] = names[fitted:]
     payloads = {
         name: recording.payload.entry()
         for name, recording in zip(names, recordings, strict=True)
@@ -177,11 +178,9 @@ def _file_names(labels: Iterable[str], ending: str) -> list[str]:
         # "robot_1.csv rows 0-99" and the like: no ending within the name, no blanks
         plain = re.sub(r"\.(csv|tsv|txt|parquet|npz|db3|mcap|h5|hdf5|mat)\b", "", label)
         stem = re.sub(r"\W+", "_", plain).strip("_") or "recording"
-        first = f"{stem}.{ending}"
         # two labels may differ only in signs that a file name cannot have
-        numbered = [n for n in names if n == first or n.startswith(f"{stem}__")]
-        name = f"{stem}__{len(numbered) + 1}.{ending}" if numbered else first
-        names.append(name)
+        alike = [n for n in names if n.startswith((f"{stem}.", f"{stem}__"))]
+        names.append(f"{stem}{f'__{len(alike) + 1}' if alike else ''}.{ending}")
     return names
 
 

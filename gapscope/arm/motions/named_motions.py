@@ -8,7 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BPoly, BSpline, make_interp_spline
 
-from gapscope.arm.dynamics.kinematics import Kinematics, Pose, inverse_kinematics
+from gapscope.arm.dynamics.kinematics import (
+    LEAST_JOINTS,
+    POSTURES,
+    Kinematics,
+    Pose,
+    inverse_kinematics,
+)
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.trajectory import (
@@ -30,10 +36,6 @@ from gapscope.arm.nearest_name import check_known
 # The posture about which an arm moves when nobody names one.
 
 
-LEAST_JOINTS = 3
-"""Joints with which a tool can follow a line."""
-CANDIDATES = 1000
-"""Postures that are compared."""
 SPREAD = 0.4
 """They lie within this share of the joints' ranges about the middle [1]."""
 
@@ -47,7 +49,7 @@ def working_posture(kinematics: Kinematics, limits: Limits) -> np.ndarray:
     span = limits.upper - limits.lower
     if kinematics.n_joints < LEAST_JOINTS:
         return middle
-    size = (CANDIDATES, kinematics.n_joints)
+    size = (POSTURES, kinematics.n_joints)
     # fixed seeds: an arm works about the same posture in every run
     shifts = np.random.default_rng(0).uniform(-SPREAD, SPREAD, size)
     # about half of the joints stay in the middle
@@ -83,8 +85,10 @@ KNOTS = 41
 """Points of the line at which the inverse kinematics is solved."""
 CHECKS = 401
 """Points at which the limits are checked."""
-_PROGRESS = BPoly(
-    np.repeat([[0, 1, 1], [1, 1, 0]], 3, axis=0) / (1 - RAMP), [0, RAMP, 1 - RAMP, 1]
+TOP = 1 / (1 - RAMP)
+"""Speed in the middle over the mean one [1]."""
+_PROGRESS = BPoly.from_derivatives(
+    [0, RAMP, 1 - RAMP, 1], [[0, 0, 0], [TOP, 0, 0], [TOP, 0, 0], [0, 0, 0]]
 ).antiderivative()
 """Share of the line over the share of the time: its rate rises and falls as 10 x^3 - 15 x^4 + 6 x^5."""
 
@@ -146,8 +150,7 @@ def weld_seam(
     fast, bend = np.abs([once.velocity(s), once.acceleration(s)]).max(axis=1)
     # a little longer, for what happens between the points
     by_joints = 1.001 * shortest(fast, bend, limits)
-    # in the middle the tool is faster than on average by 1 / (1 - RAMP)
-    by_tool_speed = length / speed / (1 - RAMP)
+    by_tool_speed = TOP * length / speed
     return lasting(max(by_joints, by_tool_speed, SHORTEST))
 
 

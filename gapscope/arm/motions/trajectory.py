@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.interpolate import BPoly, make_interp_spline
+from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import UNLIMITED
@@ -127,9 +127,8 @@ def urdf_limits(
     )
 
 
-# values at both ends with three derivatives of zero
-_WINDOW = BPoly(np.repeat([0.0, 1.0], 4)[:, None], [0, 1])
-"""35 x^4 - 84 x^5 + 70 x^6 - 20 x^7 by its Bernstein coefficients."""
+_WINDOW = BPoly.from_derivatives([0, 1], [[0, 0, 0, 0], [1, 0, 0, 0]])
+"""35 x^4 - 84 x^5 + 70 x^6 - 20 x^7: from 0 to 1, with three derivatives of zero at both ends."""
 
 
 @dataclass(frozen=True)
@@ -264,9 +263,10 @@ def point_to_point(start: np.ndarray, end: np.ndarray, duration: float) -> Curve
     """
     if not duration > 0:
         raise InputError(f"{duration} s is not a positive duration", where="duration")
-    # three coefficients at either end: no velocity and no acceleration there
-    ends = np.repeat([start, end], 3, axis=0)
-    return Curve(BPoly(ends[:, None], [0.0, duration]), duration)
+    # of the ends position, velocity and acceleration
+    rest = np.zeros_like(start)
+    ends = [[start, rest, rest], [end, rest, rest]]
+    return Curve(BPoly.from_derivatives([0.0, duration], ends), duration)
 
 
 def fastest(start: np.ndarray, end: np.ndarray, limits: Limits) -> Curve:
@@ -285,15 +285,16 @@ def fastest(start: np.ndarray, end: np.ndarray, limits: Limits) -> Curve:
                 where=f"{label}, joint {joint + 1}",
             )
     way = np.abs(end - start)
-    # of the way, by s' = 15/8 and s'' = 10 / sqrt 3 at most
-    least = shortest(PEAK_SPEED * way, PEAK_ACCELERATION * way, limits)
+    # of the way, by s' = 15/8 in its middle and s'' = 10 / sqrt 3 at most
+    speed, acceleration = _PEAKS
+    least = shortest(speed * way, acceleration * way, limits)
     return point_to_point(start, end, max(least, SHORTEST))
 
 
-PEAK_SPEED = point_to_point(np.zeros(1), np.ones(1), 1.0).velocity(np.full(1, 1 / 2))[0]
-"""Largest s'."""
-PEAK_ACCELERATION = 10 / np.sqrt(3)
-"""Largest s''."""
+_STEP = PPoly.from_bernstein_basis(BPoly.from_derivatives([0, 1], [[0] * 3, [1, 0, 0]]))
+"""s over [0, 1]."""
+_PEAKS = [np.abs(_STEP(_STEP.derivative(k + 1).roots(), k)).max() for k in (1, 2)]
+"""Largest s' and s'', where the next derivative is zero."""
 SHORTEST = 0.1
 """Duration of the shortest motion between two postures, or along a line [s]."""
 

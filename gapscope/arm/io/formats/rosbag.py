@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import (
@@ -20,61 +21,23 @@ from gapscope.arm.input_file import (
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.table import Log, Table
 
-# Definitions of the messages of ros2_control, for bags that hold none: those of SQLite before ROS 2 Iron.
-#
-# Written after the package control_msgs of ros2_control (docs.ros.org, ``control_msgs/msg``), whose controller state
-# has changed three times under one name.
-
-
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 """Message type of the state of a joint trajectory controller."""
 DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
 """Message type of all state interfaces of ros2_control, by joint."""
-
-_POINT = "trajectory_msgs/JointTrajectoryPoint"
-_MULTI_DOF_POINT = "trajectory_msgs/MultiDOFJointTrajectoryPoint"
-_NEW = ("reference", "feedback", "error", "output")
-_DEPRECATED = ("desired", "actual")
-
-
-def _control_state(
-    points: tuple[str, ...], multi_dof: bool = True, speed_scaling: bool = False
-) -> str:
-    """Text of one version of the controller state."""
-    lines = ["std_msgs/Header header", "string[] joint_names"]
-    lines += [f"{_POINT} {name}" for name in points]
-    if multi_dof:
-        lines.append("string[] multi_dof_joint_names")
-        lines += [f"{_MULTI_DOF_POINT} multi_dof_{name}" for name in points]
-    return "\n".join([*lines, *["float64 speed_scaling_factor"] * speed_scaling])
-
-
-CONTROLLER_STATES = {
-    "Jazzy": _control_state(_NEW, speed_scaling=True),
-    "Iron": _control_state(_NEW),
-    "Humble": _control_state(_NEW + _DEPRECATED),
-    "Foxy": _control_state((*_DEPRECATED, "error"), multi_dof=False),
-}
-"""Text of the controller state by the first ROS 2 release with it."""
-
-_OTHERS = {
-    DYNAMIC_JOINT_STATE: (
-        "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values"
-    ),
-    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values",
-}
 
 
 def known_typestores() -> list[Any]:
     """Type stores of rosbags, one for each version of the controller state, over the messages of ROS 2 itself."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    stores = []
+    text = Path(__file__).with_name("control_msgs.yaml").read_text(encoding="utf-8")
+    known, stores = yaml.safe_load(text), []
     # the same type name has had four contents: each gets a store of its own
-    for controller_state in CONTROLLER_STATES.values():
+    for state in known.pop(CONTROLLER_STATE).values():
         store = get_typestore(Stores.ROS2_HUMBLE)
-        for name, text in {**_OTHERS, CONTROLLER_STATE: controller_state}.items():
-            store.register(get_types_from_msg(text, name))
+        for name, definition in {**known, CONTROLLER_STATE: state}.items():
+            store.register(get_types_from_msg(definition, name))
         stores.append(store)
     return stores
 
@@ -90,6 +53,7 @@ JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 SAMPLED = (JOINT_STATE, CONTROLLER_STATE, DYNAMIC_JOINT_STATE, JOINT_TRAJECTORY)
 """Message types that are read."""
 
+_STATE_POINTS = ("reference", "feedback", "error", "output", "desired", "actual")
 _POINT_FIELDS = ("positions", "velocities", "accelerations", "effort")
 
 
@@ -158,7 +122,7 @@ def samples_of(kind: str, message: Any, logged: int) -> Iterator[Sample]:
         found = sample(
             {
                 f"{point}.{name}": getattr(getattr(message, point), name)
-                for point in (*_NEW, *_DEPRECATED)
+                for point in _STATE_POINTS
                 if hasattr(message, point)
                 for name in _POINT_FIELDS
             }

@@ -12,7 +12,6 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import (
-    PIECE,
     check_unpacked,
     complete_file,
     read_arrays,
@@ -77,54 +76,36 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
         for line in (header, first)
     ]
     names, begin = _names(split[0], path)
-    # every column is allocated once, before its blocks are read: never two copies of the file
-    count = _lines(path) - begin + 1
-    # a cell takes a byte at least, so that rows of more cells are not what the file holds
-    if len(split[1]) != len(names) or count * len(names) > path.stat().st_size:
+    if len(split[1]) != len(names):
         return None
     # by the first cell: a later one that is none makes Arrow refuse the file
     number = dict(zip(names, map(is_number, split[1]), strict=True))
-    columns: dict[str, Any] = {
-        name: np.empty(count, dtype=float if number[name] else object) for name in names
-    }
     types = {name: pa.float64() if number[name] else pa.string() for name in names}
-    filled = 0
     try:
-        blocks = arrow.open_csv(
+        read = arrow.read_csv(
             path,
             arrow.ReadOptions(
                 use_threads=False, column_names=names, skip_rows=begin - 1
             ),
-            arrow.ParseOptions(delimiter=delimiter),
+            # an empty line is an error too: rows are numbered as lines are
+            arrow.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
             # an empty cell is an error that has a place, not a missing value
             arrow.ConvertOptions(column_types=types, null_values=[]),
         )
-        for block in blocks:
-            rows = slice(filled, filled + block.num_rows)
-            for column, cells in zip(columns.values(), block, strict=True):
-                column[rows] = cells.to_numpy(zero_copy_only=False)
-            filled += block.num_rows
     except (pa.ArrowException, OSError, ValueError):
         return None
-    # fewer rows than lines: empty lines, or cells of several
-    if filled != count:
-        return None
+    columns: dict[str, Any] = {}
     for name in names:
+        columns[name] = read.column(0).to_numpy()
+        # column by column: never two copies of the file
+        read = read.remove_column(0)
         if not number[name]:
             columns[name] = tuple(text.lstrip() for text in columns[name])
         # what is not finite is shown as it is written
         elif not np.isfinite(columns[name]).all():
             return None
+    count = len(columns[names[0]])
     return Table(path, columns, range(begin, count + begin), "line")
-
-
-def _lines(path: Path) -> int:
-    """Number of lines of a file, its last one with or without an end."""
-    count, last = 0, b"\n"
-    with path.open("rb") as file:
-        while block := file.read(PIECE):
-            count, last = count + block.count(b"\n"), block[-1:]
-    return count + (last != b"\n")
 
 
 def table_of_lines(
