@@ -29,7 +29,7 @@ from gapscope.diagnosis.setup_faults.fault_search import (
     unit_of_nominal_arm,
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged, repaired
-from gapscope.diagnosis.thresholds import NO_TORQUE
+from gapscope.diagnosis.thresholds import NO_TORQUE, VISIBLE_EFFECT
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.setup_faults import LateTorque, TimeStamps
 from gapscope.model.conditioning import (
@@ -61,8 +61,24 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
         stamps = (*stamps, clock)
         even = repaired(case, stamps)
     shown = faults_by_torque(select_windows(even))
-    # gaps are those of the case as it was read, stamps included
-    return _with_gaps(select_windows(case), merged((*stamps, *shown)))
+    faults = merged((*stamps, *shown))
+    while True:
+        # gaps are those of the case as it was read, stamps included
+        faults = _with_gaps(select_windows(case), faults)
+        vain = [fault for fault in faults if _closes(fault) < VISIBLE_EFFECT]
+        if not vain:
+            return faults
+        # one after the other: without it the others may close more
+        least = min(vain, key=_closes)
+        faults = tuple(fault for fault in faults if fault is not least)
+
+
+def _closes(fault: FoundFault) -> float:
+    """By how much the gap is smaller, RMS over joints, than without a fault that the torque shows; else infinite [1]."""
+    without, after = fault.gap_without_this, fault.gap_after
+    if fault.log_odds is None or without is None or after is None:
+        return np.inf
+    return float(rms(without, None) - rms(after, None))
 
 
 def on_one_clock(case: Case) -> Case:
