@@ -61,20 +61,24 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
         stamps = (*stamps, clock)
         even = repaired(case, stamps)
     shown = faults_by_torque(select_windows(even))
-    faults = merged((*stamps, *shown))
-    while True:
-        # gaps are those of the case as it was read, stamps included
-        faults = _with_gaps(select_windows(case), faults)
-        vain = [fault for fault in faults if _closes(fault) < VISIBLE_EFFECT]
-        if not vain:
-            return faults
+    # gaps are those of the case as it was read, stamps included
+    return _with_gaps(select_windows(case), merged((*stamps, *shown)))
+
+
+def _that_close(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, ...]:
+    """Faults whose repair closes as much of the gap as an effect has to close to be named."""
+    while faults:
+        least = min(faults, key=_closes)
+        if _closes(least) >= VISIBLE_EFFECT:
+            break
         # one after the other: without it the others may close more
-        least = min(vain, key=_closes)
-        faults = tuple(fault for fault in faults if fault is not least)
+        others = tuple(fault for fault in faults if fault is not least)
+        faults = _with_gaps(select_windows(case), others)
+    return faults
 
 
 def _closes(fault: FoundFault) -> float:
-    """By how much the gap is smaller, RMS over joints, than without a fault that the torque shows; else infinite [1]."""
+    """How much larger the gap is without a fault, RMS over joints [1]; infinite if not the torque alone shows it."""
     without, after = fault.gap_without_this, fault.gap_after
     if fault.log_odds is None or without is None or after is None:
         return np.inf
@@ -165,7 +169,7 @@ def as_nominal_arm(
         faults: that its torque shows.
     """
     if not is_another_arm(repaired(case, tuple(faults)), faults):
-        return tuple(faults), False
+        return _that_close(case, tuple(faults)), False
     of_time = only_of_time(faults)
     # without the other faults, which were found against bodies that do not fit
     right = select_windows(repaired(case, of_time))
