@@ -265,7 +265,7 @@ def _calibration(cases: Sequence[Scored]) -> Table:
     found = [one for case in cases for one in stated(case.truth, case.document)]
     p, r = np.array(found, dtype=float).reshape(-1, 2).T
     rows = []
-    for row in reliability(p, r, bins=5):
+    for row in reliability(p, r):
         low, high = wilson(round(row["right"] * row["count"]), int(row["count"]))
         rows.append(
             (
