@@ -334,24 +334,23 @@ class Scanner:
         every = np.concatenate(alone)
         evidence = float(np.logaddexp.reduce(every) - np.log(len(every)))
         # a push is charged what something unknown on one joint is worth by its odds
-        charge = _charge(gain) + max(evidence + float(np.log(UNKNOWN)), 0.0)
-        if gain.max() > charge:
+        unknown, charge = max(evidence + float(np.log(UNKNOWN)), 0.0), _charge(gain)
+        if gain.max() > charge + unknown:
             finer = width * np.linspace(-1.0, 1.0, 2 * FINER + 1)
             near = [edges[some[gain.argmax()]] + finer for some in spans]
             every_edge = np.concatenate([*near, edges[[0, -1]]])
             edges = np.unique(every_edge.clip(edges[0], edges[-1]))
-            spans = _ordered(
-                *(
-                    np.searchsorted(edges, some.clip(edges[0], edges[-1]))
-                    for some in near
-                )
-            )
+            both = [np.searchsorted(edges, x.clip(edges[0], edges[-1])) for x in near]
+            # each edge may lie within two steps: so many of all windows are looked at once more
+            share = 2.0**2 / len(gain)
+            spans = _ordered(*both)
             gain = self._of_forces(own, others, edges, spans)
+            charge = _charge(gain) - float(np.log(share))
         ends = [edges[some] for some in spans]
         return Found(
             tuple(float(times[gain.argmax()]) for times in ends),
             tuple(_spread(times, times[gain.argmax()], gain) for times in ends),
-            charge,
+            charge + unknown,
         )
 
     def _of_forces(
