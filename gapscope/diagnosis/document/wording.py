@@ -133,7 +133,8 @@ def misread(
     if off > NO_TORQUE:
         return (
             f"the nominal arm's torque is off by {much(off)} the recorded one, more than a constant torque would "
-            "be: a load or friction that the case does not state, inertials that are far off, or another unit",
+            "be: a load or friction that the case does not state, inertials that are far off, another unit, or another "
+            "robot's URDF",
             "check payloads:, nominal: and robot:",
         )
     return "", ""
