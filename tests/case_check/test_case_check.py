@@ -68,13 +68,23 @@ def test_one_fault_of_the_case_file_is_a_warning(
     assert check["can_be_diagnosed"], warned(check)
 
 
+def rubbing(table: dict[str, np.ndarray]) -> None:
+    """Dry friction of which no data sheet says anything."""
+    for joint, friction in ((1, 40.0), (2, 20.0)):
+        speed = np.gradient(table[f"q{joint}"], table["t"])
+        table[f"tau{joint}"] += friction * np.tanh(speed / 0.005)
+
+
+@pytest.mark.parametrize(
+    ("beside", "within"), [({}, 0.3), ({"nominal": None, "spoil": rubbing}, 1.5)]
+)
 def test_a_base_that_is_mounted_turned_is_said_with_its_gravity(
-    make_case: Make,
+    make_case: Make, beside: dict[str, Any], within: float
 ) -> None:
-    text = warned(check_case(make_case(gravity=[9.81, 0.0, 0.0])))
-    assert "mounted turned" in text
+    text = warned(check_case(make_case(gravity=[9.81, 0.0, 0.0], **beside)))
+    assert "mounted turned" in text and "another robot" not in text
     (shown,) = re.findall(r"-> say in the case gravity: \[(.*)\]", text)
-    assert np.allclose([float(x) for x in shown.split(",")], [0, 0, -9.81], atol=0.3)
+    assert np.allclose([float(x) for x in shown.split(",")], [0, 0, -9.81], atol=within)
 
 
 def test_the_torque_of_another_robot_is_said_and_not_vouched_for(

@@ -129,6 +129,19 @@ def test_an_oscillation_that_follows_no_motion_is_no_error_of_form() -> None:
     assert said.joints == [1, 2, 3]
 
 
+@pytest.mark.parametrize(("late", "joints"), [(0.8e-3, []), (8e-3, [1, 2, 3])])
+def test_a_skew_between_torque_and_motion_is_no_cause_but_a_delay_is(
+    late: float, joints: list[int]
+) -> None:
+    at, load = rows(), np.empty((2, 0))
+    # a loop that rings while the arm moves fast, as its torque is recorded late
+    ringing = 20.0 * np.sin(2.0 * np.pi * 6.0 * (at.t[:, None] - [[[0.0]], [[late]]]))
+    load = 20.0 * np.cos(at.q) + ringing * [1.0, 1.2, 0.8]
+    gap = TorqueGap(load[1], load[0], (0, len(at.t)))
+    said = unknown(gap, at, np.ones_like(at.q), np.full(3, SCALE))
+    assert said.joints == joints
+
+
 def test_what_does_not_come_again_is_no_unknown_cause() -> None:
     """A torque that wanders slowly, whatever the motion."""
     at = rows()
