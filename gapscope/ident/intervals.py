@@ -18,6 +18,7 @@ from gapscope.arm.nominal import FRICTION_SMOOTHING
 from gapscope.arm.root_mean_square import rms
 from gapscope.ident.estimators.linear import (
     REWEIGHTINGS,
+    SLIGHT,
     Estimate,
     Estimator,
     joint_factors,
@@ -169,8 +170,6 @@ LOW, FLOOR = 1 / 4, (1 / 3, 1 / 2)
 """Bands of the motion and of the noise floor, as shares of the cut-off: up to 3 Hz and 4 to 6 Hz at 12 Hz."""
 DOUBT = 1e-3
 """Chance, over all joints, below which noise alone is not believed."""
-MATERIAL = 0.05
-"""Share of the torque's deviation from which on model error is worth a warning, if it exceeds the noise [1]."""
 TAPER = 0.1
 """Share of a series that is faded in and out before its spectrum is taken."""
 
@@ -201,8 +200,8 @@ class ModelError:
 
     @property
     def material(self) -> np.ndarray:
-        """Those of them, counted from 1, on which it is a visible part of the torque and exceeds the noise."""
-        least = np.maximum(MATERIAL * self.torque, self.noise)
+        """Those of them, counted from 1, on which it is no slight part of the torque and exceeds the noise."""
+        least = np.maximum(SLIGHT * self.torque, self.noise)
         visible = self.systematic > least
         return self.found[visible[self.found - 1]]
 
