@@ -19,7 +19,6 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.effects.residual import ResidualNetwork
 from gapscope.ident.residual.fit import Tensor
 
-
 OPSET = 17
 """Operators of the graph, as old as other programs may be."""
 
