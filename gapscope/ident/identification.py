@@ -487,8 +487,6 @@ def _sample_base(
     return base_parameters(matrix.reshape(-1, matrix.shape[2]), columns.names(law))
 
 
-__all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"]
-
 # Which parameters of an arm a motion determines: rank, condition, spectrum.
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import butter, sosfreqz
+from scipy.signal import butter, periodogram, sosfreqz
 from scipy.signal.windows import tukey
 from scipy.stats import chi2
 from scipy.stats import f as fisher
@@ -241,14 +241,13 @@ def model_error(
     spans, power, counts = group_slices(problem.group), np.zeros((2, n)), [0, 0]
     for span in spans:
         # a window that rises and falls by half a cosine
-        taper = tukey(span.stop - span.start, 2 * TAPER)[:, None]
-        transform = np.fft.rfft(residual[span] * taper, axis=0)
-        interval = problem.interval[span.start]
-        # a real series has two of each frequency
-        density = 2 * interval * np.abs(transform) ** 2 / (taper**2).sum()
-        frequency = np.fft.rfftfreq(len(taper), interval) / cutoff
+        taper = tukey(span.stop - span.start, 2 * TAPER)
+        rate = 1 / problem.interval[span.start]
+        frequency, density = periodogram(
+            residual[span], rate, taper, detrend=False, axis=0
+        )
         for k, (least, most) in enumerate(bands):
-            inside = (frequency >= least) & (frequency <= most)
+            inside = (frequency >= least * cutoff) & (frequency <= most * cutoff)
             power[k] += density[inside].sum(axis=0)
             counts[k] += int(inside.sum())
     low, floor = power / np.maximum(counts, 1)[:, None]
