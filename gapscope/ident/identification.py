@@ -19,6 +19,7 @@ from gapscope.arm.nearest_name import check_known
 from gapscope.arm.recording import Recording, held_torque, resting
 from gapscope.ident.estimators.by_name import SIMULATING, Given, method
 from gapscope.ident.estimators.linear import (
+    SLIGHT,
     Estimate,
     Estimator,
     column_norms,
@@ -27,7 +28,6 @@ from gapscope.ident.estimators.linear import (
 )
 from gapscope.ident.estimators.simulating import closed_loop
 from gapscope.ident.intervals import (
-    MATERIAL,
     GroupComparison,
     PredictedTorque,
     TorqueInterval,
@@ -99,13 +99,11 @@ from gapscope.model.readings import as_mounted
 
 WIDTH = 0.15
 """Standard deviation that zeros are believed to have before the data speak [rad]."""
-KNOWN = 0.1
-"""An offset is determined if the data shrink its deviation to less than this share of ``WIDTH`` [1]."""
 LEAST = np.deg2rad(1.0)
 """Smaller offsets are no reason to ask [rad]."""
 CERTAIN = 8.0
 """An offset of fewer standard deviations is no reason to ask; model error makes them too small on real arms [1]."""
-LARGEST = np.pi / 4
+LARGEST = np.pi / 2
 """Offsets are sought up to this; one that ends there is not determined [rad]."""
 
 
@@ -180,14 +178,12 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
     noise_scale = np.sqrt(max(final.cost / rows, TINY) * PER_CUTOFF / 2)
     deviation = final.spread * noise_scale
     # a spread near WIDTH is the prior's: the data say nothing of that zero
-    known = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
+    known = (final.spread < WIDTH / 2) & (found.active_mask == 0)
     # where a slide's zero lies shows in the levers alone
     known &= ~np.array(columns.arm.sliding) & bool(found.success)
     size = np.abs(found.x)
     certain = known & (size > LEAST) & (size > CERTAIN * deviation)
-    better = (
-        final.cost < (1 - MATERIAL) ** 2 * without.cost or with_offsets < impossible
-    )
+    better = final.cost < (1 - SLIGHT) ** 2 * without.cost or with_offsets < impossible
     asked = np.flatnonzero(certain & better)
     return JointZeros(found.x, deviation, known, asked)
 
@@ -490,8 +486,6 @@ def _sample_base(
     """Base parameters that the samples of a regressor, shape (M, n, p), excite."""
     return base_parameters(matrix.reshape(-1, matrix.shape[2]), columns.names(law))
 
-
-__all__ = ["Identification", "IdentificationSettings", "examine_fit", "identify"]
 
 # Which parameters of an arm a motion determines: rank, condition, spectrum.
 

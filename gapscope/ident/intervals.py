@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import butter, sosfreqz
+from scipy.signal import butter, periodogram, sosfreqz
 from scipy.signal.windows import tukey
 from scipy.stats import chi2
 from scipy.stats import f as fisher
@@ -18,6 +18,7 @@ from gapscope.arm.nominal import FRICTION_SMOOTHING
 from gapscope.arm.root_mean_square import rms
 from gapscope.ident.estimators.linear import (
     REWEIGHTINGS,
+    SLIGHT,
     Estimate,
     Estimator,
     joint_factors,
@@ -169,8 +170,6 @@ LOW, FLOOR = 1 / 4, (1 / 3, 1 / 2)
 """Bands of the motion and of the noise floor, as shares of the cut-off: up to 3 Hz and 4 to 6 Hz at 12 Hz."""
 DOUBT = 1e-3
 """Chance, over all joints, below which noise alone is not believed."""
-MATERIAL = 0.05
-"""Share of the torque's deviation from which on model error is worth a warning, if it exceeds the noise [1]."""
 TAPER = 0.1
 """Share of a series that is faded in and out before its spectrum is taken."""
 
@@ -201,8 +200,8 @@ class ModelError:
 
     @property
     def material(self) -> np.ndarray:
-        """Those of them, counted from 1, on which it is a visible part of the torque and exceeds the noise."""
-        least = np.maximum(MATERIAL * self.torque, self.noise)
+        """Those of them, counted from 1, on which it is no slight part of the torque and exceeds the noise."""
+        least = np.maximum(SLIGHT * self.torque, self.noise)
         visible = self.systematic > least
         return self.found[visible[self.found - 1]]
 
@@ -242,14 +241,13 @@ def model_error(
     spans, power, counts = group_slices(problem.group), np.zeros((2, n)), [0, 0]
     for span in spans:
         # a window that rises and falls by half a cosine
-        taper = tukey(span.stop - span.start, 2 * TAPER)[:, None]
-        transform = np.fft.rfft(residual[span] * taper, axis=0)
-        interval = problem.interval[span.start]
-        # a real series has two of each frequency
-        density = 2 * interval * np.abs(transform) ** 2 / (taper**2).sum()
-        frequency = np.fft.rfftfreq(len(taper), interval) / cutoff
+        taper = tukey(span.stop - span.start, 2 * TAPER)
+        rate = 1 / problem.interval[span.start]
+        frequency, density = periodogram(
+            residual[span], rate, taper, detrend=False, axis=0
+        )
         for k, (least, most) in enumerate(bands):
-            inside = (frequency >= least) & (frequency <= most)
+            inside = (frequency >= least * cutoff) & (frequency <= most * cutoff)
             power[k] += density[inside].sum(axis=0)
             counts[k] += int(inside.sum())
     low, floor = power / np.maximum(counts, 1)[:, None]

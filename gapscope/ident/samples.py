@@ -19,7 +19,7 @@ from gapscope.arm.recording import STILL, Recording, resting
 from gapscope.arm.root_mean_square import rms
 from gapscope.effects.friction import friction_direction
 from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH
-from gapscope.ident.model.physical_parameters import LEAST_MASS
+from gapscope.ident.model.physical_parameters import LEAST_MASS, LENGTH
 from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import Segment, blocks, condition, low_pass
 from gapscope.model.effective_samples import band_samples, group_slices
@@ -167,7 +167,7 @@ def drives(arm: NominalArm) -> tuple[np.ndarray, tuple[str, ...]]:
 
 SMOOTH = ("rotor", "damping", "offset")
 """Quantities of drives whose columns do not depend on the friction law."""
-MIN_ARM = 0.05
+MIN_ARM = LENGTH / 2
 """Lever that a link's first moment is at least counted with in its unit [m]."""
 
 
@@ -695,15 +695,13 @@ def check_count(samples: Samples, base_count: int, name: str) -> None:
     Raises:
         InputError: fewer than ``PER_PARAMETER`` independent samples per base parameter.
     """
-    seconds = float(samples.interval.sum())
-    n_joints = samples.torque.shape[1]
-    independent = n_joints * band_samples(seconds, samples.band.cutoff)
-    if independent < PER_PARAMETER * base_count:
-        # what is missing, said as a time to record
-        per_second = n_joints * band_samples(1.0, samples.band.cutoff)
-        needed = PER_PARAMETER * base_count / per_second
+    seconds, cutoff = float(samples.interval.sum()), samples.band.cutoff
+    per_second = samples.torque.shape[1] * band_samples(1.0, cutoff)
+    # what is missing, said as a time to record
+    needed = PER_PARAMETER * base_count / per_second
+    if seconds < needed:
         raise InputError(
-            f"{seconds:.2g} s in a band of {samples.band.cutoff:g} Hz hold {independent:.0f} independent samples, too "
+            f"{seconds:.2g} s in a band of {cutoff:g} Hz hold {seconds * per_second:.0f} independent samples, too "
             f"few for {base_count} base parameters",
             f"record for at least {np.ceil(needed + 1):.0f} s, ten times that for good measure, or raise --cutoff",
             file=name,

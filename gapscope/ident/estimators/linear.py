@@ -535,7 +535,7 @@ RELATIVE = 0.2
 FRICTION_RELATIVE = 1.0
 """The same of friction, which differs from arm to arm [1]."""
 SLIGHT = 0.05
-"""And a parameter near 0 by what gives this share of the torque's RMS [1]."""
+"""And a parameter near 0 by what gives this share of the torque's RMS [1]; more of it is worth a warning."""
 INFLUENCE = 2.0
 """Least ratio of variances of a parameter that moves [1]."""
 

@@ -406,19 +406,17 @@ def binding_limit(
     Returns:
         The limit, and the condition number were it ``WIDER`` [1].
     """
-    space, found = search.parametrisation, {}
-    t = np.linspace(0.0, space.family.duration, SAMPLES)
-    for name in OPTIONS:
-        limits = space.limits
-        if name == "position":
-            middle = (limits.upper + limits.lower) / 2
-            half = WIDER * (limits.upper - limits.lower) / 2
-            limits = limits._replace(lower=middle - half, upper=middle + half)
-        else:
-            limits = limits._replace(**{name: WIDER * getattr(limits, name)})
-        motion = Parametrisation(space.family, limits).motion(
-            x, t, space.family.basis(t)
-        )
+    family, limits = search.parametrisation.family, search.parametrisation.limits
+    t, found = np.linspace(0.0, family.duration, SAMPLES), {}
+    middle = (limits.upper + limits.lower) / 2
+    half = WIDER * (limits.upper - limits.lower) / 2
+    for name, wider in {
+        "acceleration": {"acceleration": WIDER * limits.acceleration},
+        "velocity": {"velocity": WIDER * limits.velocity},
+        "position": {"lower": middle - half, "upper": middle + half},
+    }.items():
+        space = Parametrisation(family, limits._replace(**wider))
+        motion = space.motion(x, t, family.basis(t))
         found[name] = condition_number(search.model.matrix(motion))
     best = min(found, key=found.__getitem__)
     return (best, found[best]) if WORTH * found[best] <= condition else None

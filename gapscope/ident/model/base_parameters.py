@@ -181,8 +181,6 @@ ACCELERATION = 5.0
 """Typical acceleration of random states [rad/s^2]."""
 STATES = 300
 """Random states from which what an arm shows is found, whatever its recordings excite."""
-NEGLIGIBLE = 1e-4
-"""Factors smaller than this, or as near to 1, are not written."""
 
 
 @dataclass(frozen=True)
@@ -248,9 +246,9 @@ class BaseParameters:
         out = []
         for kept, row in zip(self.kept.tolist(), self.combination, strict=True):
             parts = [self.names[kept]]
-            for place in np.flatnonzero(np.abs(row) > NEGLIGIBLE):
+            for place in np.flatnonzero(np.abs(row) > DEPENDENT):
                 sign, size = "-" if row[place] < 0 else "+", abs(row[place])
-                factor = "" if abs(size - 1) <= NEGLIGIBLE else f"{size:.6g} "
+                factor = "" if abs(size - 1) <= DEPENDENT else f"{size:.6g} "
                 if place != kept:
                     parts.append(f"{sign} {factor}{self.names[place]}")
             out.append(" ".join(parts))

@@ -20,7 +20,7 @@ from gapscope.effects.residual import ResidualNetwork
 from gapscope.ident.residual.fit import Tensor
 
 OPSET = 17
-"""Operators of the graph."""
+"""Operators of the graph, as old as other programs may be."""
 
 
 class _Torque(torch.nn.Module):

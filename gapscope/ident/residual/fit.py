@@ -264,7 +264,7 @@ def parameter_moves(
 
 NOT_LINEAR = ("link", "start", "end", "cycles")
 """Parameters that the torque has no useful derivative by."""
-STEP = 1e-3
+STEP = np.sqrt(ROUNDING)
 """Step of the differences, over the parameter's typical size."""
 
 

@@ -47,15 +47,6 @@ def motion() -> Motion:
     return sines(t, size, 3.0, phase)
 
 
-def test_nominal_parameters_give_the_torque_of_the_nominal_arm(arm, motion):
-    regressor = Regressor(arm)
-    predicted = CorrectedArm(arm).predict(regressor.body, motion)
-    assert (
-        np.abs(regressor.matrix(motion) @ regressor.nominal() - predicted).max()
-        < 1e-10 * np.abs(predicted).max()
-    )
-
-
 @pytest.mark.parametrize("name", JOINT_COLUMNS)
 def test_column_of_a_quantity_is_the_derivative_of_the_predicted_torque(
     arm, motion, name

@@ -109,7 +109,7 @@ def test_settings_that_make_no_sense_are_refused(given: dict, message: str) -> N
 
 
 @pytest.mark.parametrize("form", ["mlp", "tcn"])
-@pytest.mark.parametrize("n", [1, 2, 7])
+@pytest.mark.parametrize("n", [1, 7])
 def test_numpy_equals_torch(form: str, n: int) -> None:
     settings, c = ResidualSettings(form=form, members=3, hidden=8), Layout(n).channels
     inputs = Inputs(n, settings.taps, 0.02, np.zeros((n, c)), np.ones((n, c)))

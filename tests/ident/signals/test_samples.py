@@ -1,4 +1,4 @@
-"""Samples of long recordings: worked on in blocks, thinned to a bounded number, and the same where they are kept."""
+"""Samples of long recordings: thinned to a bounded number, and the same where they are kept."""
 
 from __future__ import annotations
 
@@ -19,25 +19,6 @@ BAND = Band(10.0)
 def made(band: Band = BAND) -> Samples:
     recording = panda_recording("a.csv", 3)
     return Samples(ModelColumns(tooled_panda()), band.segments([recording]), band)
-
-
-def test_blocks_hold_the_same_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = made()
-    monkeypatch.setattr(module, "LONGEST", 4.0)
-    cut = made()
-    assert len(cut.segments) == 3
-    step = BAND.step(whole.segments[0])
-    rate = whole.segments[0].motion.rate
-    places = [
-        np.round(s.motion.t[BAND.rows(s)][::step] * rate).astype(int)
-        for s in cut.segments
-    ]
-    rows = BAND.filtered(np.asarray(whole.segments[0].torque), whole.segments[0])
-    first = round(whole.segments[0].motion.t[BAND.rows(whole.segments[0])][0] * rate)
-    np.testing.assert_allclose(
-        cut.torque, rows[np.concatenate(places) - first], atol=1e-2 * np.abs(rows).max()
-    )
-    assert abs(len(cut.torque) - len(whole.torque)) <= len(cut.segments)
 
 
 def test_long_recordings_are_thinned_further(monkeypatch: pytest.MonkeyPatch) -> None:
