@@ -101,7 +101,6 @@ class Layout:
 
     Attributes:
         slices: slice of each quantity, by name.
-        measured: slice of the first four, known only once the arm has moved.
         planned: slice of the last four, known from the start.
         space: the observation space.
 
@@ -131,10 +130,7 @@ class Layout:
             name: slice(int(end) - length, int(end))
             for (name, (length, _)), end in zip(lengths.items(), ends, strict=True)
         }
-        self.measured, self.planned = (
-            slice(0, int(ends[3])),
-            slice(int(ends[3]), int(ends[-1])),
-        )
+        self.planned = slice(int(ends[3]), int(ends[-1]))
         bound = np.repeat(
             [b for _, b in lengths.values()], [length for length, _ in lengths.values()]
         )
@@ -464,19 +460,6 @@ def title(arm: NominalArm, effects: Sequence[AppliedEffect]) -> str:
     return f"{arm.name}: {names or 'no effects'}"
 
 
-def stop_info(setup: Setup, q: np.ndarray, reading: np.ndarray) -> dict[str, str]:
-    """``limit``: which joint came to its stop, if one did; true position and reading [rad], shape (n,)."""
-    lowest, highest = setup.stops
-    stopped = (q <= lowest) | (q >= highest)
-    if not np.count_nonzero(stopped):
-        return {}
-    joint = int(stopped.argmax())
-    name, read = setup.arm.joints[joint], f"{reading[joint]:.4g} rad"
-    return {
-        "limit": f"joint {joint + 1} ({name}) came to its stop; its encoder reads {read}"
-    }
-
-
 def ending(info: Mapping[str, Any]) -> str:
     """The first line of why an episode ended early; empty if it did not."""
     divergence: str = info.get("divergence", {}).get("message", "")
@@ -689,11 +672,15 @@ class Episodes:
             "effects": [described(applied) for applied in self.effects[number]],
         }
 
-    def _early_end(self, number: int) -> dict[str, Any]:
-        """Why the episode of an arm ends early, if it does, after the last action."""
+    def _early_end(self, number: int, stopped: np.ndarray) -> dict[str, Any]:
+        """Why the episode of an arm ends early after the last action; ``stopped``: mask of the joints at their stop."""
         reading = self.position[number]
         if number not in self.diverged:
-            return dict(stop_info(self.setup, self.q[number], reading))
+            joint = int(stopped.argmax())
+            name, read = self.setup.arm.joints[joint], f"{reading[joint]:.4g} rad"
+            return {
+                "limit": f"joint {joint + 1} ({name}) came to its stop; its encoder reads {read}"
+            }
         # the course has gone on already: it was the action before
         before = int(self.at[number] - 1) * self._timing.sub_steps
         until = before + self.diverged[number][0]
@@ -741,7 +728,7 @@ class Episodes:
         # hardly ever: one question for all arms, and more only then
         if np.count_nonzero(stopped):
             early.update(np.flatnonzero(stopped.any(axis=1)).tolist())
-        ends = {number: self._early_end(number) for number in sorted(early)}
+        ends = {x: self._early_end(x, stopped[x]) for x in sorted(early)}
         return error, parts.total, values, ends
 
     def _act(self, action: np.ndarray) -> None:
