@@ -489,13 +489,19 @@ class VelocityFilters:
         self._gains = np.array(filter_gains(*self._how))
         self._past = np.zeros((shape[0], 5, shape[1]))
         self._newest = self._past[:, 0]
+        # one arm alone takes a shorter way
+        self._alone: VelocityFilter | None = None
 
     def put(self, number: int, position: np.ndarray, velocity: np.ndarray) -> None:
         """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
-        self._past[number] = VelocityFilter(*self._how, position, velocity).past
+        one = VelocityFilter(*self._how, position, velocity)
+        self._past[number] = one.past
+        self._alone = one if len(self._past) == 1 else None
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Filtered velocities [rad/s] for the next positions q [rad], (N n,)."""
+        if self._alone is not None:
+            return self._alone(q)
         past = self._past
         self._newest[...] = q.reshape(self._newest.shape)
         # a product for each arm: a single large one would round differently
@@ -824,16 +830,25 @@ class Episodes:
                 step = self.at[number] * self._timing.sub_steps + done
                 # felt by the arm: what was commanded is observed and rewarded
                 felt.reshape(shape)[number] -= network.torque(step)
-        rows = felt.reshape(len(simulators), -1)
-        for simulator, row in zip(simulators, rows, strict=True):
-            simulator.step(row, self._chunk)
-        dq = self._joined(simulator.dq for simulator in simulators)
+        only = simulators[0] if len(simulators) == 1 else None
+        # fast: nothing is divided and put together
+        if only is not None:
+            only.step(felt, self._chunk)
+            dq = only.dq
+        else:
+            rows = felt.reshape(len(simulators), -1)
+            for simulator, row in zip(simulators, rows, strict=True):
+                simulator.step(row, self._chunk)
+            dq = self._joined(simulator.dq for simulator in simulators)
         # fast: no joint is faster than all together
         if not dq.dot(dq) <= SLOW:
             speeds = np.abs(dq).reshape(shape).max(axis=1)
             for number in np.flatnonzero(~(speeds <= FASTEST_OBSERVED)).tolist():
                 self._stop(number, done, torque.reshape(shape)[number])
-        reading = self._joined(simulator.encoders() for simulator in simulators)
+        if only is not None:
+            reading = only.encoders()
+        else:
+            reading = self._joined(simulator.encoders() for simulator in simulators)
         self.position = reading.reshape(shape)
         return reading
 
