@@ -47,9 +47,8 @@ from common import command_line, kept, markdown, run_missing, run_part
 from generator_arms import ARMS, MOTIONS, Fed, GeneratorArm
 from scipy.stats import trim_mean
 
-from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench, mean_of
 from gapscope.agents.models import ArmModel, read_model
-from gapscope.agents.summary import mean_of
 from gapscope.agents.training.policy import (
     DOCUMENT,
     LAST,

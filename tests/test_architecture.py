@@ -74,7 +74,7 @@ ONLY_IN = {
     "dartpy": (),
     "torch": ("ident/residual/", "agents/training/"),
     "stable_baselines3": ("agents/training/",),
-    "optuna": ("agents/training/tuning.py",),
+    "optuna": ("agents/training/training_loop.py",),
     "sklearn": (
         "ident/residual/fit.py",
         "blind_check/baselines.py",

@@ -28,7 +28,7 @@ from gapscope.envs.actions import (
     torque_limit,
 )
 from gapscope.envs.arguments import check_values
-from gapscope.envs.environment import Layout
+from gapscope.envs.environment import EXTENSION, SUB_STEPS, TIME_STEP, Layout
 from gapscope.envs.position_controller import VELOCITY_CUTOFF, VELOCITY_DAMPING
 from gapscope.envs.reward import Reward
 from gapscope.envs.simulated_arm import SimulatedArm, closed_loop, diverged
@@ -191,10 +191,6 @@ class AgentController(Feedforward):
 # Tracking: a simulated arm follows a reference, what a track is measured by, and whether the loop is stable.
 
 
-BEYOND = 0.25
-"""Feedforward is computed this far beyond the end, for delays to look ahead [s]."""
-
-
 class SampledReference(NamedTuple):
     """A reference at every tick of a controller, from some time before its start to beyond its end, N ticks.
 
@@ -225,7 +221,7 @@ class SampledReference(NamedTuple):
             settle: time before t = 0 [s].
         """
         first = round(settle / dt)
-        ticks = np.arange(-first, round((duration + BEYOND) / dt))
+        ticks = np.arange(-first, round((duration + EXTENSION) / dt))
         held = np.maximum(ticks, 0) * dt
         # before t = 0 the reference rests where it will start
         moving = (ticks >= 0)[:, None]
@@ -244,7 +240,7 @@ class SampledReference(NamedTuple):
     @property
     def ticks(self) -> int:
         """Ticks that are tracked."""
-        return len(self.motion.t) - round(BEYOND * self.motion.rate)
+        return len(self.motion.t) - round(EXTENSION * self.motion.rate)
 
 
 class TrackingRun(NamedTuple):
@@ -316,10 +312,6 @@ def track(
     return TrackingRun(motion.t[rows], motion.q[rows], q[rows], tau[rows], ran_away)
 
 
-ACTION = 0.02
-"""Period of the environment's actions, for the reward and the tool's error [s]."""
-
-
 class Measures(NamedTuple):
     """Measures of one track.
 
@@ -355,7 +347,8 @@ class TrackingMetrics:
 
     def __call__(self, track: TrackingRun, dt: float, duration: float) -> Measures:
         """Measure a track with a period of ``dt`` [s] on a course of ``duration`` [s]."""
-        every = max(1, round(ACTION / dt))
+        # as long as those of the environment, for the reward and the tool's error
+        every = max(1, round(TIME_STEP * SUB_STEPS / dt))
         actions = max(1, round(duration / dt) // every)
         # each action that was done, by the torque of the ticks before its end
         effort = track.tau / self._rated
@@ -430,8 +423,8 @@ def settles(
     def final_rate(series: np.ndarray) -> np.ndarray:
         # over ``SPAN``: one step of an encoder would be a large speed
         rate = (series[ticks:] - series[:-ticks]) / (ticks * simulated.dt)
-        last_third = rate[-len(rate) // 3 :]
-        return np.sqrt(np.mean(last_third**2, axis=0))
+        # over the last third
+        return rms(rate[-len(rate) // 3 :])
 
     forgotten = final_rate(kicked.q - calm.q).max() < MAX_REMAINDER * KICK
     usual = np.diff(needed[::ticks], axis=0) / (ticks * simulated.dt)

@@ -18,6 +18,7 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.blind_check.baselines import (
     Design,
     chance,
@@ -30,7 +31,7 @@ from gapscope.blind_check.baselines import (
     train,
 )
 from gapscope.blind_check.check import DONE, FROZEN, UNSEEN, diagnosis_hash, open_labels
-from gapscope.blind_check.generator.simulate import residual, rms
+from gapscope.blind_check.generator.simulate import residual
 from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected import CorrectedArm

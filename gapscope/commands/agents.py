@@ -212,8 +212,8 @@ def train(
     """
     from gapscope.agents.training.task import ROUGH, Task
     from gapscope.agents.training.training_loop import check_installed
+    from gapscope.agents.training.training_loop import tune as search
     from gapscope.agents.training.training_settings import RESIDUAL, read_settings
-    from gapscope.agents.training.tuning import tune as search
     from gapscope.arm.io.locked_section import locked
     from gapscope.commands.agent_files import claim, trained_in
     from gapscope.commands.inputs import read_arm
@@ -305,15 +305,13 @@ def evaluate(
             are given win
         again: begin anew, also if an earlier run was interrupted
     """
-    from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
+    from gapscope.agents.evaluation import EvaluationPlan, TrackingBench, summarise
     from gapscope.agents.evaluation import evaluate as evaluate_models
     from gapscope.agents.models import read_models
-    from gapscope.agents.summary import summarise
     from gapscope.agents.tracking import Tuning
     from gapscope.arm.io.atomic_write import begin_results
     from gapscope.arm.io.locked_section import locked
-    from gapscope.commands.agent_files import merge_options
-    from gapscope.commands.evaluation_cells import Cells
+    from gapscope.commands.agent_files import Cells, merge_options
     from gapscope.commands.inputs import read_arm
     from gapscope.effects.corrected_file import error_context, read_corrected
     from gapscope.envs.engines import default_engine

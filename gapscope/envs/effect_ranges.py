@@ -180,23 +180,19 @@ def _hull(items: list[EffectRange], units: int) -> EffectRange:
     effect = items[0].low.effect
     # the same joints in all ranges, with what an absent effect has on the others
     joints = tuple(sorted({joint for item in items for joint in item.low.joints}))
-    low, high = {}, {}
+    ends: dict[str, dict[str, np.ndarray]] = {"low": {}, "high": {}}
     for parameter in effect.parameters:
         name = parameter.name
         # an effect that is absent has this value, or none
         absent = 0.0 if parameter.severity == 1 else np.nan
-        lows = [_on(item.low, name, joints, absent) for item in items]
-        highs = [_on(item.high, name, joints, absent) for item in items]
-        # a unit without the effect stretches the range to zero, or says nothing (nan)
-        if len(items) < units:
-            without = np.full(lows[0].shape, absent)
-            lows.append(without)
-            highs.append(without)
-        low[name], high[name] = np.nanmin(lows, axis=0), np.nanmax(highs, axis=0)
-    return EffectRange(
-        AppliedEffect(effect.name, joints, low),
-        AppliedEffect(effect.name, joints, high),
-    )
+        for side, extreme in (("low", np.nanmin), ("high", np.nanmax)):
+            found = [_on(getattr(x, side), name, joints, absent) for x in items]
+            # a unit without the effect stretches the range to zero, or says nothing (nan)
+            if len(items) < units:
+                found.append(np.full(found[0].shape, absent))
+            ends[side][name] = extreme(found, axis=0)
+    low, high = (AppliedEffect(effect.name, joints, x) for x in ends.values())
+    return EffectRange(low, high)
 
 
 def _on(

@@ -101,7 +101,6 @@ class Layout:
 
     Attributes:
         slices: slice of each quantity, by name.
-        measured: slice of the first four, known only once the arm has moved.
         planned: slice of the last four, known from the start.
         space: the observation space.
 
@@ -131,10 +130,7 @@ class Layout:
             name: slice(int(end) - length, int(end))
             for (name, (length, _)), end in zip(lengths.items(), ends, strict=True)
         }
-        self.measured, self.planned = (
-            slice(0, int(ends[3])),
-            slice(int(ends[3]), int(ends[-1])),
-        )
+        self.planned = slice(int(ends[3]), int(ends[-1]))
         bound = np.repeat(
             [b for _, b in lengths.values()], [length for length, _ in lengths.values()]
         )
@@ -464,19 +460,6 @@ def title(arm: NominalArm, effects: Sequence[AppliedEffect]) -> str:
     return f"{arm.name}: {names or 'no effects'}"
 
 
-def stop_info(setup: Setup, q: np.ndarray, reading: np.ndarray) -> dict[str, str]:
-    """``limit``: which joint came to its stop, if one did; true position and reading [rad], shape (n,)."""
-    lowest, highest = setup.stops
-    stopped = (q <= lowest) | (q >= highest)
-    if not np.count_nonzero(stopped):
-        return {}
-    joint = int(stopped.argmax())
-    name, read = setup.arm.joints[joint], f"{reading[joint]:.4g} rad"
-    return {
-        "limit": f"joint {joint + 1} ({name}) came to its stop; its encoder reads {read}"
-    }
-
-
 def ending(info: Mapping[str, Any]) -> str:
     """The first line of why an episode ended early; empty if it did not."""
     divergence: str = info.get("divergence", {}).get("message", "")
@@ -506,13 +489,19 @@ class VelocityFilters:
         self._gains = np.array(filter_gains(*self._how))
         self._past = np.zeros((shape[0], 5, shape[1]))
         self._newest = self._past[:, 0]
+        # one arm alone takes a shorter way
+        self._alone: VelocityFilter | None = None
 
     def put(self, number: int, position: np.ndarray, velocity: np.ndarray) -> None:
         """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
-        self._past[number] = VelocityFilter(*self._how, position, velocity).past
+        one = VelocityFilter(*self._how, position, velocity)
+        self._past[number] = one.past
+        self._alone = one if len(self._past) == 1 else None
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Filtered velocities [rad/s] for the next positions q [rad], (N n,)."""
+        if self._alone is not None:
+            return self._alone(q)
         past = self._past
         self._newest[...] = q.reshape(self._newest.shape)
         # a product for each arm: a single large one would round differently
@@ -689,11 +678,15 @@ class Episodes:
             "effects": [described(applied) for applied in self.effects[number]],
         }
 
-    def _early_end(self, number: int) -> dict[str, Any]:
-        """Why the episode of an arm ends early, if it does, after the last action."""
+    def _early_end(self, number: int, stopped: np.ndarray) -> dict[str, Any]:
+        """Why the episode of an arm ends early after the last action; ``stopped``: mask of the joints at their stop."""
         reading = self.position[number]
         if number not in self.diverged:
-            return dict(stop_info(self.setup, self.q[number], reading))
+            joint = int(stopped.argmax())
+            name, read = self.setup.arm.joints[joint], f"{reading[joint]:.4g} rad"
+            return {
+                "limit": f"joint {joint + 1} ({name}) came to its stop; its encoder reads {read}"
+            }
         # the course has gone on already: it was the action before
         before = int(self.at[number] - 1) * self._timing.sub_steps
         until = before + self.diverged[number][0]
@@ -741,7 +734,7 @@ class Episodes:
         # hardly ever: one question for all arms, and more only then
         if np.count_nonzero(stopped):
             early.update(np.flatnonzero(stopped.any(axis=1)).tolist())
-        ends = {number: self._early_end(number) for number in sorted(early)}
+        ends = {x: self._early_end(x, stopped[x]) for x in sorted(early)}
         return error, parts.total, values, ends
 
     def _act(self, action: np.ndarray) -> None:
@@ -837,16 +830,25 @@ class Episodes:
                 step = self.at[number] * self._timing.sub_steps + done
                 # felt by the arm: what was commanded is observed and rewarded
                 felt.reshape(shape)[number] -= network.torque(step)
-        rows = felt.reshape(len(simulators), -1)
-        for simulator, row in zip(simulators, rows, strict=True):
-            simulator.step(row, self._chunk)
-        dq = self._joined(simulator.dq for simulator in simulators)
+        only = simulators[0] if len(simulators) == 1 else None
+        # fast: nothing is divided and put together
+        if only is not None:
+            only.step(felt, self._chunk)
+            dq = only.dq
+        else:
+            rows = felt.reshape(len(simulators), -1)
+            for simulator, row in zip(simulators, rows, strict=True):
+                simulator.step(row, self._chunk)
+            dq = self._joined(simulator.dq for simulator in simulators)
         # fast: no joint is faster than all together
         if not dq.dot(dq) <= SLOW:
             speeds = np.abs(dq).reshape(shape).max(axis=1)
             for number in np.flatnonzero(~(speeds <= FASTEST_OBSERVED)).tolist():
                 self._stop(number, done, torque.reshape(shape)[number])
-        reading = self._joined(simulator.encoders() for simulator in simulators)
+        if only is not None:
+            reading = only.encoders()
+        else:
+            reading = self._joined(simulator.encoders() for simulator in simulators)
         self.position = reading.reshape(shape)
         return reading
 

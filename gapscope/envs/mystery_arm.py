@@ -13,6 +13,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, Limits, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.root_mean_square import rms
 from gapscope.effects.applied import AppliedEffect, carried
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
@@ -108,7 +109,7 @@ def draw_effects(
         drawn = _draw(rng, str(rng.choice(names)), free, motion, scale)
         gap = CorrectedArm(arm, (drawn,)).predict(body, motion) - nominal
         # what an effect changes in the torque, on each joint over what that carries
-        share = np.sqrt(np.mean(gap**2, axis=0)) / scale
+        share = rms(gap) / scale
         # a load has no joints of its own: where it shows most it has to show
         own = (
             share[np.array(drawn.joints) - 1]
@@ -136,9 +137,7 @@ def _draw(
     joints = np.sort(rng.choice(free, size=int(rng.integers(1, 3)), replace=False))
     size, sign = len(joints), rng.choice([-1.0, 1.0])
     torque = (scale * rng.uniform(0.1, 0.4))[joints - 1]
-    speed, acceleration = (
-        np.sqrt(np.mean(x**2, axis=0))[joints - 1] for x in (motion.dq, motion.ddq)
-    )
+    speed, acceleration = (rms(x)[joints - 1] for x in (motion.dq, motion.ddq))
     # damping and rotors take that torque at the usual speed or acceleration
     quantities = {
         "friction": torque,

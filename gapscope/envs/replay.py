@@ -24,6 +24,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.arm.velocity_filter import VelocityFilter, rule_of
 from gapscope.effects.applied import AppliedEffect, State
 from gapscope.effects.corrected import CorrectedArm
@@ -124,7 +125,7 @@ def replay(
             )
     t = recording.t
     inner = (t >= t[0] + TRIM) & (t <= t[-1] - TRIM)
-    rmse = np.sqrt(np.mean((q - recording.q)[inner] ** 2, axis=0))
+    rmse = rms((q - recording.q)[inner])
     return Replay(t, q, tau, rmse, through_controller, arm.sliding)
 
 

@@ -299,8 +299,8 @@ class SimulatedArm:
     def encoders(self, number: int | None = None) -> np.ndarray:
         """Positions as the encoders read them [rad], (N n,) or, of one arm, (n,); each call draws its own noise."""
         seen, noise = self._seen, None
-        arms = range(self._shape[0]) if number is None else (number,)
         if self._noisy:
+            arms = range(self._shape[0]) if number is None else (number,)
             noise = np.concatenate([self._drawn(arm) for arm in arms])
         # a reading is an array of its own, so that nothing is copied here
         seen = seen if self._ordered else seen[self._places]

@@ -12,8 +12,13 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from gapscope.agents.evaluation import Evaluation, TrackingBench
-from gapscope.agents.summary import Mean, SummaryLine, relation
+from gapscope.agents.evaluation import (
+    Evaluation,
+    Mean,
+    SummaryLine,
+    TrackingBench,
+    relation,
+)
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import plain, write_json
 from gapscope.effects.corrected_file import described

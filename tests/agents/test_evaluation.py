@@ -6,7 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gapscope.agents.evaluation import EvaluationPlan, TrackingBench, evaluate
+from gapscope.agents.evaluation import (
+    EvaluationPlan,
+    TrackingBench,
+    evaluate,
+    relation,
+    summarise,
+)
 from gapscope.agents.models import (
     AgentModel,
     ArmModel,
@@ -15,7 +21,6 @@ from gapscope.agents.models import (
     read_model,
     read_models,
 )
-from gapscope.agents.summary import relation, summarise
 from gapscope.agents.tracking import TrackingMetrics, TrackingRun, Tuning
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gapscope.agents.summary import mean_of
+from gapscope.agents.evaluation import mean_of
 
 
 def test_middle_half_of_runs_of_which_some_diverged() -> None:

@@ -11,11 +11,10 @@ import pytest
 from small_cases import CLEAN, solve
 
 from gapscope.arm.errors import InputError
-from gapscope.blind_check.check import BlindPlan, allocate_cases
+from gapscope.blind_check.check import BlindPlan, allocate_cases, enter_own_laws
 from gapscope.blind_check.generator.case import draw_setup
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
-from gapscope.blind_check.own_laws import enter_own_laws
 from gapscope.blind_check.scoring import compare, summary
 from gapscope.effects.catalogue import register, remove
 from gapscope.effects.effect import Effect

@@ -13,7 +13,7 @@ import pytest
 from sweeps import daily
 
 from gapscope.agents.evaluation import TrackingBench
-from gapscope.commands.evaluation_cells import FOLDER
+from gapscope.commands.agent_files import FOLDER
 from gapscope.provenance import fingerprint
 
 Command = Callable[..., Any]

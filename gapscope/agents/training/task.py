@@ -21,6 +21,7 @@ from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import Workspace, check_motion_name
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.compare_units import read_ranges
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
@@ -95,7 +96,7 @@ class Normalisation:
             floor[part] = floors.get(name, OTHER_FLOOR)
             if name in CENTRED:
                 mean[part] = 0.0
-        spread = np.sqrt(np.mean((features - mean) ** 2, axis=0))
+        spread = rms(features - mean)
         return cls(mean, np.maximum(spread, floor), *places)
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
@@ -357,10 +358,9 @@ def episodes(
     for number, length in enumerate(lengths.tolist()):
         rewards, errors, rates = series[:length, :, number].T
         early = bool(fallen[length - 1][number])
-        rms = np.sqrt(np.mean(np.square([errors, rates]), axis=1)).tolist()
-        rms = [inf, inf] if early else rms
+        size = [inf, inf] if early else rms(np.array([errors, rates]), 1).tolist()
         earned = float(sum(rewards)) / count
-        scores.append(AgentScore(earned, rms[0], rms[1], int(early), 1))
+        scores.append(AgentScore(earned, size[0], size[1], int(early), 1))
     return scores
 
 

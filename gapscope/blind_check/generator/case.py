@@ -13,6 +13,7 @@ import yaml
 from scipy.interpolate import CubicSpline
 
 from gapscope.arm.errors import GapscopeError
+from gapscope.arm.root_mean_square import rms
 from gapscope.blind_check.generator.arms import (
     Arm,
     copied,
@@ -38,7 +39,6 @@ from gapscope.blind_check.generator.simulate import (
     draw_motion,
     nominal_torque,
     residual,
-    rms,
     simulate,
 )
 from gapscope.blind_check.generator.true_arm import Columns, HealthyArm, Loop, TrueArm

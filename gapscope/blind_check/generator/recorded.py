@@ -25,6 +25,7 @@ from gapscope.arm.known_load import UPPER, point_mass_parameters
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 
 Values = Mapping[str, Any]
 """Parameters of an effect by name, a number, one per joint or a vector."""
@@ -82,7 +83,7 @@ class Scene:
     @cached_property
     def speed(self) -> np.ndarray:
         """RMS speed of each joint [rad/s], (n,)."""
-        return np.sqrt((self.dq**2).mean(axis=0))
+        return rms(self.dq)
 
     @property
     def rate(self) -> float:

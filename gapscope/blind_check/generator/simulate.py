@@ -305,11 +305,6 @@ def residual(
     return recorded - needed, scale
 
 
-def rms(x: np.ndarray) -> np.ndarray:
-    """Root mean square over time, (n,)."""
-    return np.sqrt((x**2).mean(axis=0))
-
-
 # A recording of the true arm: the sampled controller and the joints around MuJoCo's rigid bodies.
 
 

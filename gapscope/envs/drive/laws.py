@@ -219,7 +219,6 @@ class DryFriction:
 
     Attributes:
         direction: sign of each joint's velocity in the last solution, 0 if it sticks, shape (n,).
-        sticks: which joints stuck in it, shape (n,).
     """
 
     def __init__(self, n_joints: int) -> None:
@@ -229,7 +228,6 @@ class DryFriction:
     def reset(self) -> None:
         """Forget the step before: all joints rest."""
         self.direction: np.ndarray = np.zeros(len(self._identity))
-        self.sticks = np.ones(len(self._identity), dtype=bool)
 
     def solve(
         self, inertia: np.ndarray, momentum: np.ndarray, limit: np.ndarray
@@ -254,7 +252,6 @@ class DryFriction:
             # one that sticks needs at most its limit, one that slides goes on
             wrong = np.where(stuck, np.abs(x) > limit, dry & (x * direction < 0))
             if not wrong.any():
-                self.sticks = stuck
                 self.direction = np.where(dry, direction, np.sign(x))
                 return np.where(stuck, 0.0, x), np.where(stuck, x, known)
             # the first alone, by Murty's rule of the least index

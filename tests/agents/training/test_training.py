@@ -210,7 +210,7 @@ def test_an_agent_is_read_back_and_checked(
 @pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
 def test_hyperparameters_are_searched(task: Task, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
-    from gapscope.agents.training.tuning import tune
+    from gapscope.agents.training.training_loop import tune
 
     file = tune(task, short(steps=128, round_steps=128), 2, tmp_path)
     assert read_settings(file).steps == 128
