@@ -129,8 +129,7 @@ class Case:
         """What was noticed of each recording, one that is held out too, with its name."""
         noticed = []
         for recording in (*self.recordings, *self.judged):
-            slow = "; ".join(filter(None, slow_words(recording)))
-            every = (*recording.notes, slow)
+            every = (*recording.notes, "; ".join(filter(None, slow_words(recording))))
             noticed += [f"{recording.name}: {note}" for note in every if note]
         return noticed
 
@@ -185,8 +184,7 @@ class Case:
             "tau_sensor": tau_sensor,
             "temperature": temperature,
         }
-        frames = frames_of_arrays(t, channels)
-        return cls.from_frames(robot, frames, **description)
+        return cls.from_frames(robot, frames_of_arrays(t, channels), **description)
 
     @classmethod
     def from_frames(

@@ -50,8 +50,7 @@ def significant(value: float | None, digits: int = 3, signed: bool = False) -> s
         return MISSING
     if value == 0.0:
         return "0"
-    places = digits - 1 - math.floor(math.log10(abs(value)))
-    return _fixed(value, places, signed)
+    return _fixed(value, digits - 1 - math.floor(math.log10(abs(value))), signed)
 
 
 def compact(value: float | None) -> str:

@@ -332,12 +332,6 @@ class Reading:
                 changed[name] = columns(series, position=name in ("q", "q_ref"))
         return changed
 
-    def true_time(self, t: np.ndarray, file: str) -> np.ndarray:
-        """Time of a file's rows [s], (N,), of the recorded one."""
-        if self.files and file not in self.files:
-            return t
-        return t * self.time_factor
-
     # --- of a recording, an arm and a controller
 
     def __call__(
@@ -402,16 +396,6 @@ class Reading:
             return controller
         kp = np.array(controller.kp) * self.kp_factor
         return replace(controller, kp=kp, kd=np.array(controller.kd) * self.kd_factor)
-
-    @property
-    def of_right_time(self) -> Reading:
-        """The same of recordings whose time is right already."""
-        return replace(self, time_factor=1.0)
-
-    @property
-    def of_every_row(self) -> Reading:
-        """The same without what leaves rows out: a late torque, and a reference that ended."""
-        return replace(self, torque_delay=0.0, torque_drift=0.0, pace=1.0)
 
 
 def _product(one: tuple[float, ...], other: tuple[float, ...]) -> tuple[float, ...]:

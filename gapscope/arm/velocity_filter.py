@@ -12,9 +12,6 @@ from scipy.signal import lfilter
 from gapscope.arm.controller import Controller
 from gapscope.arm.recording import Recording
 
-SETTLING = 0.3
-"""Time that the filter is given to forget its start [s]."""
-
 
 class FilterGains(NamedTuple):
     """v[k] = b0 q[k] + b1 q[k-1] + b2 q[k-2] + a1 v[k-1] + a2 v[k-2]; b in 1/s, a in 1."""
@@ -136,19 +133,22 @@ def rule_of(recording: Recording, controller: Controller) -> str:
 
     A rule that would be unstable at this rate and cut-off cannot be the controller's.
     """
-    cutoff, too_short = controller.velocity_cutoff, recording.duration < 3 * SETTLING
-    # too short for the filter to forget its start
-    if recording.dq is None or cutoff is None or too_short:
+    cutoff, damping = controller.velocity_cutoff, controller.velocity_damping
+    if recording.dq is None or cutoff is None:
+        return "bilinear"
+    # until its start is forgotten to the last digit, by the slower of the poles
+    decay = 2 * np.pi * cutoff * min(damping, 1 / (2 * damping))
+    settled = recording.t > recording.t[0] - np.log(np.finfo(float).eps) / decay
+    if not settled.any():
         return "bilinear"
     h = 1.0 / controller.rate
     # at the ticks of the controller, of which a recording may hold some only
     t = recording.t[0] + h * np.arange(int(recording.duration / h + 1e-6) + 1)
     # from zero, so that the filter does not start with a leap
     q = make_interp_spline(recording.t, recording.q - recording.q[0], k=3)(t)
-    settled = recording.t > recording.t[0] + SETTLING
     mean_square = {}
     for name, rule in RULES.items():
-        gains = rule(controller.rate, cutoff, controller.velocity_damping)
+        gains = rule(controller.rate, cutoff, damping)
         if not stable(gains):
             continue
         b0, b1, b2, a1, a2 = gains

@@ -294,8 +294,7 @@ def _silent(
     normal = scaled.T @ scaled
     # so that what is not excited at all has a large deviation
     normal += 1e-12 * np.trace(normal) * np.eye(len(normal))
-    variance = np.diag(np.linalg.inv(normal)) / INDEPENDENT
-    deviation = LEFT_OVER * np.sqrt(variance)
+    deviation = LEFT_OVER * np.sqrt(np.diag(np.linalg.inv(normal)) / INDEPENDENT)
     names = [base.names[k] for k in base.kept]
     silent = tuple(
         name for name, std in zip(names, deviation, strict=True) if std > KNOWN
@@ -555,8 +554,7 @@ def _of_signals(
         How the joints move, and the share of the base parameters of the bodies that the motion excites [1].
     """
     columns = ModelColumns(case.arm)
-    cutoff = position_cutoff(case.recordings)
-    segments = list(_segments(case, cutoff))
+    segments = list(_segments(case, position_cutoff(case.recordings)))
     arm, body = columns.arm, columns.body
     q, dq = (
         np.concatenate([getattr(s.motion, name)[s.inner] for s in segments])
@@ -582,8 +580,7 @@ def _of_signals(
     remarks += check_ranges(case, body)
     remarks += look.remarks()
     remarks += _limits(case, body)
-    still = resting(case.recordings, arm.per_radian)
-    remarks += check_motion(motions, still, speeds)
+    remarks += check_motion(motions, resting(case.recordings, arm.per_radian), speeds)
     said = f"the torque determines {excited:.0%} of the base parameters of the bodies"
     if silent:
         rest = len(silent) - MAX_NAMED

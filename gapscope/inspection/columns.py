@@ -13,7 +13,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.layouts import STEPS_PER_TURN, UNITS, Layout, with_sign
 from gapscope.arm.io.plausibility import unit_of_stamps
-from gapscope.arm.io.table import Table
+from gapscope.arm.io.table import BEYOND, Table
 from gapscope.arm.nominal import NominalArm
 
 # Units and words of an inspection.
@@ -133,8 +133,6 @@ ANGLES = ("rad", "deg", "rev")
 SPEEDS = ("rad/s", "deg/s", "rpm", "step/s")
 FARTHEST = 7.0
 """Position beyond which an arm's joint has made more than a turn if it is in radians [rad]."""
-LARGEST = 1e9
-"""Value that no quantity of a joint reaches, in any unit."""
 ALIKE = 0.1
 """Units fit if velocity over derivative of the position is as they say within this share [1]."""
 
@@ -214,7 +212,7 @@ def derivative_ratio(
     for j in range(width):
         slope = (positions[2:, j] - positions[:-2, j])[usable] / span[usable]
         speed = velocities[1:-1, j][usable]
-        numbers = (np.abs(slope) < LARGEST) & (np.abs(speed) < LARGEST)
+        numbers = (np.abs(slope) < BEYOND) & (np.abs(speed) < BEYOND)
         slope, speed = slope[numbers], speed[numbers]
         power = float(slope @ slope)
         scale = np.sqrt(power * float(speed @ speed))
@@ -675,7 +673,7 @@ LOST = 1.5
 """Steps of time longer than this many usual ones have lost rows in them [1]."""
 ROWS = 50_000
 """Rows that are looked at."""
-BEYOND = 0.1
+OUTSIDE = 0.1
 """Share of a joint's range by which a position may leave it [1]."""
 SAME = 0.9
 """Correlation, median over the joints, from which two blocks of one size hold the same quantity [1]."""
@@ -749,7 +747,7 @@ def columns_by_values(
     if not columns:
         return TableColumns(tuple(groups), singles)
     values = np.column_stack([x[:ROWS] for _, x in columns])
-    sound = (np.abs(values) < LARGEST).all(axis=1)
+    sound = (np.abs(values) < BEYOND).all(axis=1)
     rows = np.asarray(table.row_numbers[:ROWS])
     if silent.keys() & singles.keys():
         # the time tells where rows are missing in the file itself
@@ -871,8 +869,7 @@ class _Blocks:
         inside = self.still.copy()
         inside[members] = True
         edges = np.flatnonzero(np.diff(np.r_[False, inside, False]))
-        span = int((edges[1::2] - edges[::2]).max())
-        return best, stride, min(span, best)
+        return best, stride, min(int((edges[1::2] - edges[::2]).max()), best)
 
     def _without_derivatives(self, n: int) -> tuple[int, tuple[int, ...]]:
         """The arrangement of a log without velocities by the roughness of its columns, for n joints."""
@@ -1044,7 +1041,7 @@ class _Blocks:
             return False
         lower, upper = RigidBody(self.arm).position_limits()
         # limits that are infinite need no margin
-        wide = BEYOND * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        wide = OUTSIDE * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
         x = self.values[:, list(window)]
         low, high = x.min(axis=0), x.max(axis=0)
         # in any unit of positions: which one is asked later

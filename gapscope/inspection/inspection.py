@@ -29,7 +29,7 @@ from gapscope.arm.io.layouts import (
 )
 from gapscope.arm.io.log import Log
 from gapscope.arm.io.plausibility import put_right, repeated_rows
-from gapscope.arm.io.table import Table, without_damage
+from gapscope.arm.io.table import BEYOND, Table, without_damage
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
@@ -52,7 +52,6 @@ from gapscope.diagnosis.thresholds import NO_TORQUE
 from gapscope.effects.effect import SHEET
 from gapscope.inspection.columns import (
     AMPERES,
-    LARGEST,
     ChannelGuess,
     ColumnGroup,
     TableColumns,
@@ -87,8 +86,7 @@ class InspectedTable:
     @property
     def by_values(self) -> bool:
         """Whether values tell what columns hold, their names being silent or missing."""
-        held = any(group.holds for group in self.columns.groups)
-        return held or self.part.unnamed
+        return any(group.holds for group in self.columns.groups) or self.part.unnamed
 
     @property
     def label(self) -> str:
@@ -148,8 +146,7 @@ def inspect_table(
     else:
         columns = sorted_columns(part, () if arm is None else arm.joints)
     time = guess_time(columns, np.asarray(part.row_numbers), context)
-    layout = layout_of(part)
-    channels = channels_of_table(columns, layout, time, context)
+    channels = channels_of_table(columns, layout_of(part), time, context)
     return InspectedTable(log, part, columns, time, tuple(channels))
 
 
@@ -220,7 +217,7 @@ def _multiples(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator
 
 def usable(values: np.ndarray) -> bool:
     """Whether all values are numbers of a size that robots have in any unit."""
-    return bool(np.isfinite(values).all() and np.abs(values).max() < LARGEST)
+    return bool(np.isfinite(values).all() and np.abs(values).max() < BEYOND)
 
 
 def _as_recorded(

@@ -664,8 +664,7 @@ def misfit(inertial: Inertial, extent: Extent) -> float:
     """d^2 / tr(G) of a body and the extent of a link [1]."""
     own, shape = inertial.variance, extent.variance
     # the eigenvalues of S^1/2 G S^1/2 are those of S G
-    squares = np.linalg.eigvals(own @ shape).real
-    overlap = np.sqrt(np.maximum(squares, 0.0)).sum()
+    overlap = np.sqrt(np.maximum(np.linalg.eigvals(own @ shape).real, 0.0)).sum()
     offset = float(np.sum((inertial.com - extent.centre) ** 2))
     total = np.trace(own) + np.trace(shape)
     return max(0.0, float((offset + total - 2 * overlap) / np.trace(shape)))

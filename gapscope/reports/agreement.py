@@ -228,23 +228,16 @@ def summary(content: dict[str, Any]) -> Group:
     # names may fold; verdicts and values stay on one line
     for column in table.columns[1:]:
         column.no_wrap = True
-    texts = [*_undetermined(content), *_difference_lines(content)]
-    return Group(table, *(Text(text) for text in texts))
-
-
-def _undetermined(content: dict[str, Any]) -> Iterator[str]:
-    """A line for each recording that does not determine some parameters."""
+    texts = []
+    # recordings that do not determine some parameters
     for k, recording in enumerate(content["recordings"]):
         # below one the recording leaves the value as it was before
         names = [x["name"] for x in content["parameters"] if x["information"][k] < 1.0]
         if names:
-            yield f"\n{recording} does not determine: {'; '.join(names)}"
-
-
-def _difference_lines(content: dict[str, Any]) -> Iterator[str]:
-    """Lines on each parameter that differs."""
+            texts.append(f"\n{recording} does not determine: {'; '.join(names)}")
     for line in differing(content):
         pairs = zip(content["recordings"], values(line), strict=True)
         by_recording = [f"{name} {with_unit(value, line)}" for name, value in pairs]
-        yield f"\n{line['name']} differs: {', '.join(by_recording)}"
-        yield from (f"  {text}" for text in sentences(line))
+        texts.append(f"\n{line['name']} differs: {', '.join(by_recording)}")
+        texts += [f"  {text}" for text in sentences(line)]
+    return Group(table, *map(Text, texts))

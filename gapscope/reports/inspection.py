@@ -14,9 +14,9 @@ from scipy.signal import welch
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.table import BEYOND
 from gapscope.arm.joint_units import joint_unit, units_of
 from gapscope.diagnosis.set_up import Remark
-from gapscope.inspection.columns import LARGEST
 from gapscope.inspection.inspection import TORQUES, Inspection
 from gapscope.reports.pages import (
     COLOURS,
@@ -75,7 +75,7 @@ def _over_time(found: Inspection, number: int) -> Iterator[Panel]:
             t, values, unit = series
             step = -(-len(t) // POINTS)
             # values that no unit explains would flatten all others
-            drawn = np.where(np.abs(values) < LARGEST, values, np.nan)
+            drawn = np.where(np.abs(values) < BEYOND, values, np.nan)
             yield Panel(f"{name} [{unit}]", t[::step], drawn[::step])
 
 
@@ -84,7 +84,7 @@ def _spectra(found: Inspection, number: int) -> Iterator[Panel]:
     for channel, name in (("q", "position"), ("tau", "torque")):
         series = _series(found, number, channel)
         # one of them would fill the whole spectrum
-        if series is None or not (np.abs(series[1]) < LARGEST).all():
+        if series is None or not (np.abs(series[1]) < BEYOND).all():
             continue
         t, values, unit = series
         rate = 1.0 / float(np.median(np.diff(t)))

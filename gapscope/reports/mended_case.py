@@ -126,8 +126,7 @@ def write_mended_case(
             lines.append("  mend:  # after all other keys of this section")
         for key, value in mend.items():
             lines += [f"    {key}: {flow(value)}{_comment(reason(key))}"]
-        text = "\n".join(lines) + "\n"
-        aside.write_text(text, encoding="utf-8")
+        aside.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return tuple(written)
 
 
@@ -147,8 +146,7 @@ def _comment(why: str) -> str:
 def _write_urdf(arm: NominalArm, reading: Reading, path: Path) -> None:
     """The arm's URDF with its inertials moved, and its meshes found from the new place."""
     text = arm.urdf.read_text(encoding="utf-8")
-    shifted = shifted_text(text, reading.link_shift, reading.moved_only)
-    root = ET.fromstring(shifted)
+    root = ET.fromstring(shifted_text(text, reading.link_shift, reading.moved_only))
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")
         # packages and absolute paths are found from anywhere

@@ -126,8 +126,6 @@ def write_page(content: Mapping[str, Any], path: Path) -> None:
     figure.update_xaxes(
         title="value said, with its 95 % interval, over what was put in"
     )
-    height = 180 + 24 * len(content["rows"])
-    drawn = figure_html(figure, "rehearsal", height)
+    drawn = figure_html(figure, "rehearsal", 180 + 24 * len(content["rows"]))
     sections = (PageSection(note=as_is(content), figure=drawn), table(content))
-    title = f"{content['case']}: rehearsal"
-    write_plot_page(path, title, content["summary"], sections)
+    write_plot_page(path, f"{content['case']}: rehearsal", content["summary"], sections)

@@ -94,8 +94,7 @@ def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
     if scene.arm.urdf.suffix != ".xml":
         text = scene.arm.urdf.read_text(encoding="utf-8")
         start = _nanoseconds(scene.t[0])
-        described = types["std_msgs/msg/String"](data=text)
-        yield [("/robot_description", start, described)]
+        yield [("/robot_description", start, types["std_msgs/msg/String"](data=text))]
     series = {"recorded": scene.recorded, "predicted": scene.predicted}
     # what remains asks for a recorded torque
     if scene.recorded is not None:
@@ -139,8 +138,7 @@ def _poses(scene: Scene, q: np.ndarray, prefix: str, types: Any) -> Iterator[Mes
             pose = types["geometry_msgs/msg/Transform"](place, turn)
             stamped = types["geometry_msgs/msg/TransformStamped"]
             transforms.append(stamped(header, f"{prefix}{name}", pose))
-        message = types["tf2_msgs/msg/TFMessage"](transforms)
-        yield "/tf", _nanoseconds(moment), message
+        yield "/tf", _nanoseconds(moment), types["tf2_msgs/msg/TFMessage"](transforms)
 
 
 def _header(moment: float, types: Any) -> Any:

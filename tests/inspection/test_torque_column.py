@@ -15,11 +15,6 @@ def said_of_torque(found) -> str:
     return "; ".join(found.chosen["tau"][1].facts)
 
 
-def gravity(arm, motion) -> np.ndarray:
-    still = np.zeros_like(motion.q)
-    return RigidBody(arm).inverse_dynamics(motion.q, still, still)
-
-
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
@@ -34,7 +29,7 @@ def gravity(arm, motion) -> np.ndarray:
 )
 def test_what_the_torque_is(change, expected, arm, motion, tmp_path):
     table = case_format(motion)
-    changed = change(motion.tau, gravity(arm, motion))
+    changed = change(motion.tau, RigidBody(arm).gravity_torque(motion.q))
     table |= columns("tau{j}", changed)
     found = judge_torques(inspected(tmp_path, arm, log=table))
     assert expected in said_of_torque(found)

@@ -356,12 +356,8 @@ def logged(folder: Path, q: np.ndarray, tau: np.ndarray) -> Path:
     return path
 
 
-def gravity(arm, q: np.ndarray) -> np.ndarray:
-    return RigidBody(arm).inverse_dynamics(q, 0 * q, 0 * q)
-
-
 def test_the_right_model_agrees(tmp_path: Path, q: np.ndarray) -> None:
-    tau = gravity(load_nominal_arm("kuka_iiwa"), q) + 0.3
+    tau = RigidBody(load_nominal_arm("kuka_iiwa")).gravity_torque(q) + 0.3
     static = static_poses("kuka_iiwa", recorded(tmp_path, q, tau))
     assert static.poses == POSES and not list(check_static(static))
     assert static.correlation[1] > 0.999
@@ -381,7 +377,7 @@ def test_the_right_model_agrees(tmp_path: Path, q: np.ndarray) -> None:
 def test_what_is_wrong_with_the_torque_is_said(
     tmp_path: Path, q: np.ndarray, change, said: str
 ) -> None:
-    tau = change(gravity(load_nominal_arm("kuka_iiwa"), q))
+    tau = change(RigidBody(load_nominal_arm("kuka_iiwa")).gravity_torque(q))
     static = static_poses("kuka_iiwa", recorded(tmp_path, q, tau))
     assert said in static.explanations[0].name
 
@@ -402,7 +398,7 @@ def test_shifted_inertials_are_told_by_gravity(
 ) -> None:
     arm = load_nominal_arm("kuka_iiwa")
     wrong = shifted_arm(arm, by).urdf
-    path = recorded(tmp_path, q, gravity(arm, q))
+    path = recorded(tmp_path, q, RigidBody(arm).gravity_torque(q))
     best = static_poses(wrong, path).explanations[0]
     assert best.name == f"each link with the inertial of the {word} one"
     assert best.misfit < 0.02
@@ -413,7 +409,7 @@ def test_the_robot_of_a_case_is_compared_with_the_recordings_of_another(
 ) -> None:
     """A case with a wrong model, and one with the right one that was recorded: the wrong one is told."""
     arm = load_nominal_arm("kuka_iiwa")
-    recorded(tmp_path, q, gravity(arm, q))
+    recorded(tmp_path, q, RigidBody(arm).gravity_torque(q))
     for name, robot in (("wrong", shifted_arm(arm, 1).urdf), ("right", arm.urdf)):
         text = f"name: {name}\nrobot: {robot}\nrecordings: [../static.csv]\n"
         (tmp_path / name).mkdir()

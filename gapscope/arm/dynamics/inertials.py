@@ -24,8 +24,7 @@ def box_edges(mass: float, moments: np.ndarray) -> np.ndarray:
         mass: m [kg], above 0.
         moments: I about the centre of mass [kg m^2], shape (3,).
     """
-    squares = 6 / mass * (moments.sum() - 2 * moments)
-    return np.sqrt(np.maximum(squares, 0.0))
+    return np.sqrt(np.maximum(6 / mass * (moments.sum() - 2 * moments), 0.0))
 
 
 def inertia_boxes(model: pin.Model) -> pin.GeometryModel:
@@ -195,7 +194,8 @@ def _of_body(body: np.ndarray, distance: float) -> np.ndarray:
         out[4:, 1 + axis] = change[UPPER]
     # of a body that is impossible the trace may be negative
     shape = SHAPE_ERROR * max(0.5 * float(np.trace(about_centre)), 0.0)
-    out[4:, 4:] = np.diag(shape * np.where(np.eye(3)[UPPER], 1.0, 0.5))
+    # half of that for products
+    out[4:, 4:] = np.diag(shape / (2 - np.eye(3)[UPPER]))
     return out
 
 

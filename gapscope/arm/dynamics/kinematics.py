@@ -47,8 +47,7 @@ def link_poses(body: RigidBody, q: np.ndarray) -> LinkPoses:
         poses.append([pin.SE3ToXYZQUAT(data.oMf[link]) for link in links])
     # position, then quaternion
     positions, quaternions = np.split(np.array(poses), [3], axis=-1)
-    names = tuple(model.frames[k].name for k in links)
-    return LinkPoses(names, positions, quaternions)
+    return LinkPoses(tuple(model.frames[k].name for k in links), positions, quaternions)
 
 
 # Kinematics of an arm by pinocchio: if its joints and its tool are, and how the tool moves.
@@ -133,8 +132,8 @@ def smallest_singular_value(kinematics: Kinematics, q: np.ndarray) -> np.ndarray
 
 TURN = 0.3
 """Length that weighs a turn against a shift: 1 rad counts as much as this many metres [m]."""
-TOLERANCE = 1e-7
-"""Largest error of the tool that counts as reached [m]."""
+TOLERANCE = np.sqrt(np.finfo(float).eps)
+"""Largest error of the tool that counts as reached [m]: half the digits of a number."""
 DAMPING = 1e-4
 """lambda over e^T e [1]; larger is safer near a singularity, and slower."""
 ITERATIONS = 30

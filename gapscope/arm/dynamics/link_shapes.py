@@ -201,8 +201,7 @@ def _hull(body: int, points: np.ndarray) -> list[Hull]:
     if len(points) <= points.shape[1]:
         return []
     # few corners draw fast, and the hull of the farthest points hides little
-    farthest = np.unique(np.argmax(points @ directions(DIRECTIONS).T, axis=0))
-    kept = points[farthest]
+    kept = points[np.unique(np.argmax(points @ directions(DIRECTIONS).T, axis=0))]
     try:
         hull = ConvexHull(kept)
     except QhullError:

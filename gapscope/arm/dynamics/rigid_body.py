@@ -115,8 +115,7 @@ class RigidBody:
         def computed(*motion: np.ndarray) -> tuple[np.ndarray]:
             q, dq, ddq = self._ordered(*motion)
             # one call for all samples, each computed as by pin.rnea
-            pool = pin.ModelPool(self.model, 1)
-            out = pin.rneaInParallel(1, pool, q.T, dq.T, ddq.T)
+            out = pin.rneaInParallel(1, pin.ModelPool(self.model, 1), q.T, dq.T, ddq.T)
             # a single sample comes back as a vector
             return (out.reshape(q.shape[::-1], order="F").T[:, self.places],)
 
@@ -149,8 +148,7 @@ class RigidBody:
 
     def torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """tau = M(q) ddq + C(q, dq) dq + g(q) [N m] of one sample, at once; q, dq, ddq and tau of shape (n,)."""
-        torque = pin.rnea(self.model, self._data, *self._ordered(q, dq, ddq))
-        return torque[self.places]
+        return pin.rnea(self.model, self._data, *self._ordered(q, dq, ddq))[self.places]
 
     def changed(
         self, increments: np.ndarray, gravity: np.ndarray | None = None
@@ -171,8 +169,7 @@ class RigidBody:
             if np.any(increment):
                 # first and second moments about the joint's frame add up
                 total = self.model.inertias[link].toDynamicParameters() + increment
-                inertia = pin.Inertia.FromDynamicParameters(total)
-                other.model.inertias[link] = inertia
+                other.model.inertias[link] = pin.Inertia.FromDynamicParameters(total)
         if gravity is not None:
             other.model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
         return other
@@ -216,14 +213,12 @@ class RigidBody:
         jacobians, places = np.empty((len(q), 6, q.shape[1])), np.empty((len(q), 1, 3))
         for i in range(len(q)):
             # pinocchio gives a single column without its second axis
-            jacobian = pin.computeJointJacobians(model, data, q[i])
-            jacobians[i] = jacobian.reshape(6, -1)
+            jacobians[i] = pin.computeJointJacobians(model, data, q[i]).reshape(6, -1)
             places[i] = data.oMi[last].act(lever)
         linear, angular = jacobians[:, :3], jacobians[:, 3:]
         by_joint = (linear.transpose(0, 2, 1), angular.transpose(0, 2, 1))
         # J of a point p is J_v + J_w x p, with J about the origin of the base
-        out = by_joint[0] + np.cross(by_joint[1], places)
-        return np.asarray(out[:, self.places])
+        return np.asarray((by_joint[0] + np.cross(by_joint[1], places))[:, self.places])
 
     def force_torque(self, q: np.ndarray, force: np.ndarray) -> np.ndarray:
         """J^T f [N m], shape (N, n): joint torque of a force on the arm at the last link's centre of mass.

@@ -311,8 +311,7 @@ def arm_model(
                 model.appendBodyToJoint(body, _weighed(shape), place)
         # links between several joints of one body are in no file
         if link.line:
-            frame = pin.Frame(link.name, body, place, pin.FrameType.BODY)
-            model.addFrame(frame, False)
+            model.addFrame(pin.Frame(link.name, body, place, pin.FrameType.BODY), False)
         # reversed onto the stack: the first joint is taken first
         for below in reversed(description.below(name)):
             waiting.append((below, below.child, body, place))
@@ -335,8 +334,7 @@ def _add_joint(model: pin.Model, joint: Joint, body: int, place: pin.SE3) -> int
     if joint.turns_freely or lower >= upper:
         lower, upper = -np.inf, np.inf
     bounds = np.array([joint.effort or 0.0, joint.velocity or 0.0, lower, upper])
-    number = model.addJoint(body, motion, place, joint.name, *bounds[:, None])
-    return int(number)
+    return int(model.addJoint(body, motion, place, joint.name, *bounds[:, None]))
 
 
 # --- what a data sheet may take from a file
@@ -432,8 +430,7 @@ def lock(
             continue
         # through chains of followers to the joint that moves at last
         rule = _chain_of_masters(name, single)
-        at_master = float(given.get(rule.master, 0.0))
-        position = rule.multiplier * at_master + rule.offset
+        position = rule.multiplier * float(given.get(rule.master, 0.0)) + rule.offset
         if rule.master in joints:
             followers[name] = rule
         if position or rule.master in joints:

@@ -98,8 +98,7 @@ class Plant:
         """From one vector of 14 n numbers: the links', then armature, viscous, coulomb, offset, joint by joint."""
         n = len(vector) // 14
         links = vector[: 10 * n].reshape(n, 10)
-        drives = vector[10 * n :].reshape(4, n)
-        return cls(links, *drives)
+        return cls(links, *vector[10 * n :].reshape(4, n))
 
 
 @dataclass(frozen=True)
@@ -473,8 +472,7 @@ class _TangentStepper(Stepper):
             regressor = pin.computeJointTorqueRegressor(model, data, *state)
             links[row] = regressor @ self._links_along
         # pinocchio fills the upper triangle alone
-        above = np.triu(mass, 1)
-        symmetric = np.triu(mass) + above.transpose(0, 2, 1)
+        symmetric = np.triu(mass) + np.triu(mass, 1).transpose(0, 2, 1)
         return by_q, by_dq, symmetric, links
 
     def _friction_along(

@@ -342,8 +342,7 @@ def parse_controller(
                 "integrator.tracking_time",
             )
         if entry.get("limit") is not None:
-            limit = per_joint("integrator.limit", entry["limit"], "N m")
-            entry["limit"] = limit
+            entry["limit"] = per_joint("integrator.limit", entry["limit"], "N m")
         given["integrator"] = Integrator(**entry)
     velocity = section.get("velocity_filter") or {}
     return law(

@@ -168,8 +168,7 @@ def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]
         turned = {"motion": motion, "torque": torque, "sensor": torque}
         found["turned"] = Reading.identity(n, **turned)
     if "joints" in section:
-        joints = _per_joint(section["joints"], n, "joints")
-        found["joints"] = tuple(map(str, joints))
+        found["joints"] = tuple(map(str, _per_joint(section["joints"], n, "joints")))
     if "transmission" in section:
         found["transmission"] = _transmission(section["transmission"], n)
     for key, ranges in section.get("rows", {}).items():

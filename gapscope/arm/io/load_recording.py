@@ -186,8 +186,11 @@ def load_recording(
     mend = reader.importing.mend
     if mend is not None:
         # its time was put right as the stamps were read
-        mend = mend.of_right_time
-        recording = (mend.of_every_row if every_row else mend)(recording, arm)
+        mend = replace(mend, time_factor=1.0)
+        if every_row:
+            # without what leaves rows out: a late torque, and a reference that ended
+            mend = replace(mend, torque_delay=0.0, torque_drift=0.0, pace=1.0)
+        recording = mend(recording, arm)
     # after the mending: positions in their own unit and on their own side
     notes += check_positions(recording, arm, main, any_unit=any_unit)
     if not every_row:
@@ -611,9 +614,11 @@ class _Reader:
         time, rows = self.importing.time, table.row_numbers
         count = np.asarray(rows) if time.column is None else table.numbers(time.column)
         t = count / time.rate if time.rate is not None else count * time.factor
-        # stamps of this file alone may be wrong, which the mending names
+        # stamps of some files alone may be wrong, which the mending names
         mend = self.importing.mend
-        return t if mend is None else mend.true_time(t, table.path.name)
+        if mend is None or (mend.files and table.path.name not in mend.files):
+            return t
+        return t * mend.time_factor
 
     def by_row(self, table: Table) -> bool:
         """Whether a table is joined row by row: topics have times of their own, files usually the same rows."""

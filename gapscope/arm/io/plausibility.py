@@ -42,14 +42,12 @@ def roughness(x: np.ndarray, q: np.ndarray) -> float:
     """
     before, middle, after = x[:-2], x[1:-1], x[2:]
     share = (middle - before) / (after - before)
-    step = q[2:] - q[:-2]
-    on_line = q[:-2] + share[:, None] * step
+    on_line = q[:-2] + share[:, None] * (q[2:] - q[:-2])
     distance = q[1:-1] - on_line
     # a joint that hardly moves would show its quantisation
     travel = np.ptp(q, axis=0)
     moving = travel > 1e-2 * max(float(travel.max()), np.finfo(float).eps)
-    relative = distance[:, moving] / travel[moving]
-    return float((relative**2).sum())
+    return float(((distance[:, moving] / travel[moving]) ** 2).sum())
 
 
 def even_stamps_of_rows(t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
@@ -325,8 +323,7 @@ def repeated_rows(
                 same[1:] &= (values[name][1:] == values[name][:-1]).all(axis=1)
         for rows in runs(same):
             # not at the end, where nothing moves on after them
-            few = rows.stop - rows.start < GAP_STEPS
-            stale[rows] = few and rows.stop < len(t)
+            stale[rows] = rows.stop - rows.start < GAP_STEPS and rows.stop < len(t)
     stale &= ~stamp
     if stale.any():
         notes.append(f"{REPEATED}{stale.sum()} ({stale.mean():.2%})")
@@ -510,8 +507,7 @@ def stuck_rows(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, tuple[str, ...
     rows = np.asarray(stuck.any(axis=1))
     if not joints:
         return rows, ()
-    note = f"{LEFT_OUT}{rows.sum()} ({rows.mean():.2%}), {', '.join(joints)}"
-    return rows, (note,)
+    return rows, (f"{LEFT_OUT}{rows.sum()} ({rows.mean():.2%}), {', '.join(joints)}",)
 
 
 # All of this, in the order in which a reader does it.

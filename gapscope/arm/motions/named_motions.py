@@ -53,7 +53,7 @@ def working_posture(kinematics: Kinematics, limits: Limits) -> np.ndarray:
     # fixed seeds: an arm works about the same posture in every run
     shifts = np.random.default_rng(0).uniform(-SPREAD, SPREAD, size)
     # about half of the joints stay in the middle
-    shifts[np.random.default_rng(1).random(size) < 0.5] = 0.0
+    shifts *= np.random.default_rng(1).random(size).round()
     scores = []
     for shift in shifts:
         distance_from_middle = np.mean(shift**2) / SPREAD**2
@@ -364,8 +364,7 @@ def _draw_straight_line(
         start = _draw_posture(rng, space)
         way = direction * rng.uniform(0.1, 0.3) * reach
         try:
-            seam = weld_seam(space.kinematics, start, way, space.limits, speed)
-            return start, seam
+            return start, weld_seam(space.kinematics, start, way, space.limits, speed)
         except GapscopeError as error:
             problem = error
     raise GapscopeError(
@@ -383,8 +382,7 @@ def _draw_posture(rng: np.random.Generator, space: Workspace) -> np.ndarray:
 def _room_to_limits(space: Workspace) -> np.ndarray:
     """Way from the posture to the nearer limit, 2 rad at most [rad], shape (n,)."""
     limits, posture = space.limits, space.posture
-    room = np.minimum(limits.upper - posture, posture - limits.lower)
-    return np.minimum(room, 2.0)
+    return np.minimum(np.minimum(limits.upper - posture, posture - limits.lower), 2.0)
 
 
 LEGS = {

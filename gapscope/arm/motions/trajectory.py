@@ -245,8 +245,7 @@ class Curve(Timed):
         """That of the curve; 0 outside."""
         # at rest beyond its ends, in position too
         found = self.of(np.clip(t, 0.0, self.duration), order)
-        inside = (t >= 0) & (t <= self.duration)
-        return found * inside[:, None] if order else found
+        return found * ((t >= 0) & (t <= self.duration))[:, None] if order else found
 
 
 def point_to_point(start: np.ndarray, end: np.ndarray, duration: float) -> Curve:
@@ -291,7 +290,9 @@ def fastest(start: np.ndarray, end: np.ndarray, limits: Limits) -> Curve:
     return point_to_point(start, end, max(least, SHORTEST))
 
 
-_STEP = PPoly.from_bernstein_basis(BPoly.from_derivatives([0, 1], [[0] * 3, [1, 0, 0]]))
+_STEP = PPoly.from_bernstein_basis(
+    BPoly.from_derivatives([0, 1], [[0, 0, 0], [1, 0, 0]])
+)
 """s over [0, 1]."""
 _PEAKS = [np.abs(_STEP(_STEP.derivative(k + 1).roots(), k)).max() for k in (1, 2)]
 """Largest s' and s'', where the next derivative is zero."""
@@ -425,8 +426,7 @@ def chain(parts: Sequence[Timed]) -> Curve:
         out = np.empty((len(t), parts[0].position(np.zeros(1)).shape[1]))
         for index in np.unique(part_of):
             rows, part = part_of == index, parts[index]
-            begin = ends[index] - part.duration
-            out[rows] = part.derivative(t[rows] - begin, order)
+            out[rows] = part.derivative(t[rows] - (ends[index] - part.duration), order)
         return out
 
     return Curve(joined, float(ends[-1]))

@@ -47,8 +47,7 @@ def dataset_episodes(path: Path) -> list[int]:
     Raises:
         InputError: the dataset is damaged.
     """
-    frames = _frames(path, [_EPISODE])
-    return sorted(map(int, frames[_EPISODE].unique()))
+    return sorted(map(int, _frames(path, [_EPISODE])[_EPISODE].unique()))
 
 
 def episode_name(number: int) -> str:
@@ -158,8 +157,7 @@ def _columns(
 ) -> dict[str, np.ndarray]:
     """Columns of one episode from its frames; one for each entry of the lists in a column, if they hold numbers."""
     # without stamps frames are counted, at the rate of the dataset
-    timed = _TIME in frames
-    t = frames[_TIME] if timed else frames[_FRAME] / fps
+    t = frames[_TIME] if _TIME in frames else frames[_FRAME] / fps
     columns = {"t": np.asarray(t, dtype=float)}
     for key, column in frames.items():
         if column.dtype.kind == "f" and key != _TIME:

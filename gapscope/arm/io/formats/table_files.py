@@ -104,8 +104,7 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
         # what is not finite is shown as it is written
         elif not np.isfinite(columns[name]).all():
             return None
-    count = len(columns[names[0]])
-    return Table(path, columns, range(begin, count + begin), "line")
+    return Table(path, columns, range(begin, len(columns[names[0]]) + begin), "line")
 
 
 def table_of_lines(
