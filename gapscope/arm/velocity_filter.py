@@ -119,7 +119,9 @@ class VelocityFilter:
         """Filtered velocity [rad/s] for the next position q [rad], each of the shape of the position at the start."""
         past, after = self.past, self._next
         past[0] = q
-        v = self._gains.dot(past.reshape(5, -1)).reshape(past.shape[1:])
+        # fast: joints in a row need not be put in one
+        flat = past if past.ndim == 2 else past.reshape(5, -1)
+        v = self._gains.dot(flat).reshape(past.shape[1:])
         # from one array into another: numpy takes longer to move rows within one
         after[1:] = past[:-1]
         after[3] = v

@@ -287,6 +287,11 @@ class SimulatedArm:
         return self._in_order(self._dq)
 
     @property
+    def speed2(self) -> float:
+        """Sum of the squares of all joint velocities [rad^2/s^2]: not a number if an arm has diverged."""
+        return float(self._dq.dot(self._dq))
+
+    @property
     def motor_q(self) -> np.ndarray:
         """True positions of the motors [rad], joint side, shape (N n,); those of rigid joints are the joints'."""
         return self._in_order(self._motor_q)
