@@ -28,13 +28,19 @@ def gap_of(*stretches: np.ndarray) -> TorqueGap:
     return TorqueGap(1.1 * predicted + noise, predicted, tuple(edges.tolist()))
 
 
-def test_a_motion_made_again_tells_what_does_not_repeat() -> None:
+@pytest.mark.parametrize("other", [RATE, 1.0002 * RATE])
+def test_a_motion_made_again_tells_what_does_not_repeat(other: float) -> None:
     whole = motion(20.0, seed=1)
-    found = repeatability(gap_of(whole, whole[100:]), [RATE, RATE], FLOOR)
+    found = repeatability(gap_of(whole, whole[100:]), [RATE, other], FLOOR)
     assert found is not None
     assert found.seconds == pytest.approx(18.0)
     # not the tenth by which the model is off
     assert found.rms == pytest.approx([NOISE, NOISE], rel=0.1)
+
+
+def test_rows_of_another_rate_are_of_other_moments() -> None:
+    whole = motion(20.0, seed=1)
+    assert repeatability(gap_of(whole, whole), [RATE, 1.01 * RATE], FLOOR) is None
 
 
 def test_a_motion_that_goes_round_within_a_recording_counts() -> None:
