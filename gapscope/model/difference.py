@@ -1048,9 +1048,11 @@ class Weigher:
         if term.definition.limits and value[0] > BEYOND_SATURATION + std[0]:
             return False
         if is_link_change(term):
-            # a last link that has become heavier carries something
+            # a last link that has become heavier carries something; beside a reference one that is lighter carries less
             last = term.joint - 1 == self._arm.body.last_link
-            laden = last and value[0] > std[0] and np.isfinite(self._belief.least_load)
+            laden = last and (
+                value[0] > std[0] or not np.isfinite(self._belief.least_load)
+            )
             changed = self._changed(term.joint - 1, value)
             return not laden and changed >= self._belief.least_link
         return is_within(term, value, std)
