@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-TINY = float(np.finfo(float).tiny)
+SMALLEST = float(np.finfo(float).tiny)
 """The machine's smallest number: keeps quotients and logarithms of what may be nothing finite."""
 
 

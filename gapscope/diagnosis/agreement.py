@@ -15,7 +15,7 @@ from gapscope.arm.display import effect_name, listing, percent
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.thresholds import (
     COVARIATE_CHANGE,
     COVARIATE_SHARE,
@@ -170,7 +170,7 @@ def explain(
 def _relative_change(one: Covariate, among: np.ndarray) -> float:
     """Range over mean [1]; of times and temperatures, whose zero is arbitrary, below those of the others."""
     value = one.value[among]
-    change = float(np.ptp(value) / max(np.abs(value).mean(), TINY))
+    change = float(np.ptp(value) / max(np.abs(value).mean(), SMALLEST))
     return change if one.name in (SPEED, LOAD) else min(change, COVARIATE_CHANGE)
 
 

@@ -16,7 +16,7 @@ from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.document.diagnosis_json import read_document
 from gapscope.diagnosis.document.numbers import Number, numbers_of
 from gapscope.diagnosis.gap.plausible_data import no_torque
@@ -163,7 +163,7 @@ def pooled(
     size = np.abs(x).mean()
     s = np.array([0.0 if std is None else std for std in stds])
     # form and rounding keep each deviation above zero, and so all weights finite
-    s = np.sqrt(s**2 + (form * size) ** 2 + (ROUNDING * size) ** 2 + TINY)
+    s = np.sqrt(s**2 + (form * size) ** 2 + (ROUNDING * size) ** 2 + SMALLEST)
     unit = (
         s.min()
     )  # weights relative to the largest: no overflow if deviations are tiny

@@ -30,7 +30,7 @@ from gapscope.arm.io.json_file import read_json, schema_fault, write_json
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.comparison import Comparison
 from gapscope.diagnosis.document.content import Document, nominal_friction
 from gapscope.diagnosis.document.findings import numbers
@@ -149,7 +149,9 @@ def possible_arm(
         np.sqrt(np.maximum(lacking, 0.0) / count),
         # nominal torque times a factor, fitted to the free one: n^T S f / n^T S n
         float(
-            (nominal + free.increments.ravel()) @ of_all / max(nominal @ of_all, TINY)
+            (nominal + free.increments.ravel())
+            @ of_all
+            / max(nominal @ of_all, SMALLEST)
         ),
     )
 

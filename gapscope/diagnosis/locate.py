@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import csd
 
 from gapscope.arm.display import significant
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.change_points import change_points
 from gapscope.diagnosis.thresholds import (
     BANDS,
@@ -56,12 +56,12 @@ class Region:
     @property
     def enrichment(self) -> float:
         """Share over coverage."""
-        return self.share / max(self.coverage, TINY)
+        return self.share / max(self.coverage, SMALLEST)
 
     @property
     def worth(self) -> float:
         """Share times log enrichment [nats]: large if little of the time holds much of the gap."""
-        return self.share * float(np.log(max(self.enrichment, TINY)))
+        return self.share * float(np.log(max(self.enrichment, SMALLEST)))
 
     @property
     def stands_out(self) -> bool:
@@ -374,17 +374,17 @@ class Spectra:
     @property
     def coherence(self) -> np.ndarray:
         """gamma^2 = |S_xe|^2 / (S_xx S_ee), the share of the gap's power that follows each signal, (K, F)."""
-        return np.abs(self.cross) ** 2 / np.maximum(self.signals * self.gap, TINY)
+        return np.abs(self.cross) ** 2 / np.maximum(self.signals * self.gap, SMALLEST)
 
     def share(self, mask: np.ndarray) -> float:
         """Share of the gap's power in some of the frequencies [1]."""
-        return float(self.gap[mask].sum() / max(self.gap.sum(), TINY))
+        return float(self.gap[mask].sum() / max(self.gap.sum(), SMALLEST))
 
     def coverage(self, mask: np.ndarray) -> float:
         """Share that white noise has there, or that the nominal torque has, if that is more [1]."""
         # the nominal torque is the first of the signals
         torque = self.signals[0]
-        power = float(torque[mask].sum() / max(torque.sum(), TINY))
+        power = float(torque[mask].sum() / max(torque.sum(), SMALLEST))
         return max(power, float(mask.mean()))
 
 
@@ -444,7 +444,7 @@ def coherent(found: Spectra, joint: int) -> list[Region]:
         share, cross = found.share(mask), found.cross[:, mask].sum(axis=1)
         signals, gap = found.signals[:, mask].sum(axis=1), found.gap[mask].sum()
         # over the band as a whole: a phase that turns within it is no relation
-        coherence = np.abs(cross) ** 2 / np.maximum(signals * gap, TINY)
+        coherence = np.abs(cross) ** 2 / np.maximum(signals * gap, SMALLEST)
         # the window joins two lines of the grid
         averages = max(found.averages * float(mask.sum()) / 2, 2.0)
         by_chance = 1 - FALSE_ALARM_RATE ** (1 / (averages - 1))
@@ -536,7 +536,7 @@ def levels(error: np.ndarray, rows: MotionRows, floor: float) -> list[GapLevels]
         mean = np.bincount(window, square)[used] / count[used]
         middle = t[0] + LEVEL_WINDOW * (np.flatnonzero(used) + 1 / 2)
         # the floor keeps a gap that comes near zero from large steps of its logarithm
-        level = np.log(mean + floor**2 + TINY)
+        level = np.log(mean + floor**2 + SMALLEST)
         stds = np.full(len(level), deviation)
         changes = change_points(level, stds, FALSE_ALARM_RATE)
         edges = (0, *(change.position for change in changes), len(level))
@@ -551,7 +551,7 @@ def intervals(found: list[GapLevels], joint: int) -> list[Region]:
     """
     every = [(level, own) for level in found for own in level.stretches]
     every.sort(key=lambda one: -float((one[0].rms[one[1]] ** 2).mean()))
-    whole = max(sum(float((level.rms**2).sum()) for level in found), TINY)
+    whole = max(sum(float((level.rms**2).sum()) for level in found), SMALLEST)
     windows = sum(len(level.rms) for level in found)
     for count in range(1, MAX_INTERVALS + 1):
         regions = []

@@ -31,7 +31,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.reading import references
 from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.gap.commanded_torque import filled
 from gapscope.diagnosis.gap.plausible_data import select_windows
 from gapscope.diagnosis.setup_faults.references import GAINS, LAW_TORQUE, law_sums
@@ -344,7 +344,7 @@ def _fitted(
 
     def rms(columns: np.ndarray) -> np.ndarray:
         square = ((columns[..., None, :] @ gram)[:, 0] * columns).sum(axis=-1)
-        return np.sqrt(np.maximum(square / len(rows.fixed), TINY))
+        return np.sqrt(np.maximum(square / len(rows.fixed), SMALLEST))
 
     errors = rms(error)
     wide = WIDE * LIKELY**2 * errors
@@ -434,7 +434,7 @@ def told_controller(case: Case) -> ToldController:
         residual = np.einsum("mjp,jp->mj", x, best.weights)
         inflation = variance_inflation(residual, rows.segment)
     # the scale is known as well as masses are, and what no law explains may be in any gain
-    share = best.left / np.maximum(rows.error, TINY)
+    share = best.left / np.maximum(rows.error, SMALLEST)
     unsure = np.hypot(share, INERTIAL_ERROR)[:, None]
     # the gain of a joint that rests is beyond all numbers, and is not told
     with np.errstate(over="ignore", invalid="ignore"):

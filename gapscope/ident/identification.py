@@ -99,11 +99,13 @@ from gapscope.model.readings import as_mounted
 
 WIDTH = 0.15
 """Standard deviation that zeros are believed to have before the data speak [rad]."""
+KNOWN = 0.1
+"""An offset is determined if the data shrink its deviation to less than this share of ``WIDTH`` [1]."""
 LEAST = np.deg2rad(1.0)
 """Smaller offsets are no reason to ask [rad]."""
 CERTAIN = 8.0
 """An offset of fewer standard deviations is no reason to ask; model error makes them too small on real arms [1]."""
-LARGEST = np.pi / 2
+LARGEST = np.deg2rad(45.0)
 """Offsets are sought up to this; one that ends there is not determined [rad]."""
 
 
@@ -178,7 +180,7 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
     noise_scale = np.sqrt(max(final.cost / rows, TINY) * PER_CUTOFF / 2)
     deviation = final.spread * noise_scale
     # a spread near WIDTH is the prior's: the data say nothing of that zero
-    known = (final.spread < WIDTH / 2) & (found.active_mask == 0)
+    known = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
     # where a slide's zero lies shows in the levers alone
     known &= ~np.array(columns.arm.sliding) & bool(found.success)
     size = np.abs(found.x)

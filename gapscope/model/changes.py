@@ -30,7 +30,7 @@ import numpy as np
 from gapscope.arm.display import effect_name, uncertain
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.effects.catalogue import of_quantity
 from gapscope.model.conditioning import STANDS_OUT, slips, without_slips
 from gapscope.model.design import (
@@ -492,7 +492,7 @@ def _louder(fit: Fit, odds: float) -> dict[int, tuple[float, float]]:
             within = ((then - then.mean()) ** 2).sum() + ((now - now.mean()) ** 2).sum()
             # parted over within is t^2 / (N - 2)
             parted = growth**2 * len(then) * len(now) / count
-            evidence = count / 2 * float(np.log1p(parted / max(within, TINY)))
+            evidence = count / 2 * float(np.log1p(parted / max(within, SMALLEST)))
             # twice the RMS at least, as form error has to grow to be unknown
             if growth >= np.log(GROWTHS[0]) and evidence > max(best, odds):
                 best = evidence
@@ -787,7 +787,7 @@ def _gradual(
         for term in steps.values()
     }
     _, right, gram = _in_bins(made, mine, without - left, without, variance)
-    score = right.sum() ** 2 / max(float(gram.sum()), TINY) / 2
+    score = right.sum() ** 2 / max(float(gram.sum()), SMALLEST) / 2
     score += sum(found.odds[one] for one in steps)
     ramps: list[tuple[float, Ramp, list[Change]]] = []
     # a ramp of each term by itself, and one of all of them at once
@@ -969,7 +969,7 @@ def _explained(
     length = np.maximum(b - a, np.finfo(float).eps)[:, None]
     w = np.clip((t - a[:, None]) / length, 0.0, 1.0)
     pull, weight = w @ right, ((w @ gram) * w).sum(axis=1)
-    share = pull / np.maximum(weight, TINY)
+    share = pull / np.maximum(weight, SMALLEST)
     return share * pull / 2, share
 
 

@@ -16,7 +16,7 @@ import itertools
 
 import numpy as np
 
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 
 
 def motion_samples(seconds: float, rate: float) -> float:
@@ -46,7 +46,7 @@ def variance_inflation(
     """
     lags = min(len(residual) - 1, longest)
     covariance = autocovariance(residual, group, lags)
-    rho = covariance[1:] / np.maximum(covariance[0], TINY)
+    rho = covariance[1:] / np.maximum(covariance[0], SMALLEST)
     # beyond the first negative value the estimates are noise around zero
     before_first_negative = np.logical_and.accumulate(rho > 0, axis=0)
     return 1 + 2 * (rho * before_first_negative).sum(axis=0)

@@ -33,7 +33,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_body
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.effects.environment import tilt
 from gapscope.effects.setup_faults import LateTorque
 from gapscope.model.conditioning import MIN_FLOOR, TORQUE_CUTOFF, Segment, low_pass
@@ -288,7 +288,7 @@ def reading_equations(
     own = np.stack([nominal, ddq, sign, dq, centred, np.ones_like(q), turned], axis=2)
     bodies, load = inertial_scale(body), _load_std(body)
     # columns in units of what each may be off by: the sums are better conditioned
-    unit = np.maximum(np.hypot(bodies, load), TINY)
+    unit = np.maximum(np.hypot(bodies, load), SMALLEST)
     level = pull @ _tilts(body)
     # joints first: X_j is (M, D)
     x = np.concatenate([regressor * unit, level, own], axis=2).transpose(1, 0, 2)
@@ -512,7 +512,7 @@ def _largest(
         ORDINARY_TORQUE * deviation,
     ]
     others = np.ones(eq.shared - len(errors))
-    shared = np.concatenate([np.maximum(errors, TINY), others])
+    shared = np.concatenate([np.maximum(errors, SMALLEST), others])
     return np.hstack([np.tile(shared, (n, 1)), np.column_stack(own)])
 
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.locate import MotionRows
 from gapscope.diagnosis.thresholds import (
     FOLD_GUARD,
@@ -208,7 +208,7 @@ def _predictions(
         rotated = vector.T @ (right - own_right)
 
         for k, strength in enumerate(RIDGE_STRENGTHS):
-            ridged = np.maximum(value + strength * mean_square, TINY)
+            ridged = np.maximum(value + strength * mean_square, SMALLEST)
             coefficients = vector @ (rotated / ridged)
             out[k, rows] = x[rows] @ coefficients
     return out
@@ -446,7 +446,7 @@ def unknown(
     memory = _memory(thinned, rows, gap.predicted)
     p_values = _whiteness(gap, rows)
     # a joint of which no row is known has weights of 0
-    known2 = np.maximum((trust[kept] ** 2).mean(axis=0), TINY)
+    known2 = np.maximum((trust[kept] ** 2).mean(axis=0), SMALLEST)
     weight = trust[kept] / np.sqrt(known2)
     error = gap.error - _skewed(gap, rows, trust / scale)
     left, t = error[kept] * weight, rows.t[kept]
@@ -464,16 +464,18 @@ def unknown(
 def _skewed(gap: TorqueGap, rows: MotionRows, weight: np.ndarray) -> np.ndarray:
     """What a skew d between torque and motion that is common to all joints, and no delay yet, leaves [N m], (M, n).
 
-    tau(t - d) = tau - d dtau/dt, d by weighted least squares, of no more than the shortest delay either way.
+    tau(t - d) - tau = -d dtau/dt, d by weighted least squares, of no more than the shortest delay either way.
     """
-    rate = np.empty_like(gap.predicted)
+    rate = np.zeros_like(gap.predicted)
     for segment in range(len(rows.rates)):
-        own = rows.segment == segment
-        torque = make_interp_spline(rows.t[own], gap.predicted[own], k=3)
-        rate[own] = torque(rows.t[own], 1)
+        own = np.flatnonzero(rows.segment == segment)
+        # of few rows no rate is known
+        if len(own) > 3:
+            torque = make_interp_spline(rows.t[own], gap.predicted[own], k=3)
+            rate[own] = torque(rows.t[own], 1)
     moved, seen = rate * weight, gap.error * weight
-    skew = -float((moved * seen).sum() / max((moved**2).sum(), TINY))
-    return -float(np.clip(skew, -MIN_DELAY, MIN_DELAY)) * rate
+    slope = float((moved * seen).sum() / max((moved**2).sum(), SMALLEST))
+    return float(np.clip(slope, -MIN_DELAY, MIN_DELAY)) * rate
 
 
 @dataclass(frozen=True)
@@ -513,7 +515,7 @@ class _Residual:
         """Share of the squared gap that a prediction, (K,), takes away [1]."""
         before = np.mean(self.gap**2)
         remaining = np.mean((self.gap - predicted) ** 2)
-        return float(np.clip(1.0 - remaining / max(before, TINY), 0.0, 1.0))
+        return float(np.clip(1.0 - remaining / max(before, SMALLEST), 0.0, 1.0))
 
 
 def _of_joint(

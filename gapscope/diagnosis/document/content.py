@@ -10,7 +10,7 @@ import numpy as np
 
 from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.comparison import Comparison, names_of
 from gapscope.diagnosis.document.findings import (
     LISTED_ALTERNATIVE,
@@ -337,7 +337,7 @@ class Document:
         # noise is over the scale of the torque: back to (N m)^2
         noise2 = comparison.fit.contrast.error.noise2 * comparison.rows.scale**2
         nats = closed**2 / noise2
-        total = max(float(nats.sum()), TINY)
+        total = max(float(nats.sum()), SMALLEST)
         segments = self._rows.segment
         recordings: dict[str, float] = {}
         for k, name in enumerate(self._rows.names):

@@ -10,7 +10,7 @@ import numpy as np
 
 from gapscope.arm.display import effect_name, listing, percent
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.agreement import DIFFERS, Agreement, states
 from gapscope.diagnosis.comparison import (
     LONGER_RECORDING,
@@ -122,7 +122,9 @@ def alternative_entry(effect: str, other: Alternative) -> dict[str, Any]:
 
 def share_entry(closed_first: float, closed_last: float, whole: float) -> Finding:
     """Share of the gap that a finding closes: the mean of what it does first and last (Shapley of two orders)."""
-    ends = np.clip(np.sort([closed_first, closed_last]) / max(whole, TINY), 0.0, 1.0)
+    ends = np.clip(
+        np.sort([closed_first, closed_last]) / max(whole, SMALLEST), 0.0, 1.0
+    )
     return {"share": float(ends.mean()), "share_interval": ends.tolist()}
 
 
@@ -154,7 +156,7 @@ class GapStages:
     @property
     def whole(self) -> float:
         """The whole gap: what is above the floor, or what is closed if that is more."""
-        return max(self._closable(self.recorded), TINY)
+        return max(self._closable(self.recorded), SMALLEST)
 
     @property
     def closed(self) -> float | None:

@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from gapscope.arm.dynamics.inertials import inertial_errors, inertial_scale
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.thresholds import (
     FRICTION_FORM,
     INERTIAL_ERROR,
@@ -894,7 +894,7 @@ class Scan:
     def refined(self, term: Term, start: np.ndarray) -> tuple[np.ndarray, float]:
         """Values that explain most, from a start, and how much, less what their number makes of chance [nats]."""
         # logarithms: stiffness and width are positive, and span decades
-        logs, lost = np.log(np.maximum(start, TINY)), 0.0
+        logs, lost = np.log(np.maximum(start, SMALLEST)), 0.0
         # a resonance that is not quite right explains little at its full size
         for scaled, step in ((True, 0.3), (False, 0.1)):
             found = minimize(

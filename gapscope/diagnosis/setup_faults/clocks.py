@@ -23,7 +23,7 @@ from gapscope.arm.io.plausibility import (
 )
 from gapscope.arm.io.table import DAMAGED, PAUSE
 from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, by_recordings
 from gapscope.diagnosis.thresholds import (
     AGREED_RATE_ERROR,
@@ -380,11 +380,11 @@ def _step(parts: list[_Part], x: np.ndarray, drifts: bool = True) -> _Step:
             owns.append(part.columns[inside, j])
             shifts.append(shift * free)
         tau, own, moved = (np.concatenate(y) for y in (torques, owns, shifts))
-        basis = np.linalg.qr(own / np.maximum(np.abs(own).max(axis=0), TINY))[0]
+        basis = np.linalg.qr(own / np.maximum(np.abs(own).max(axis=0), SMALLEST))[0]
         # without what b explains of the torque and of its shifts
         rest, moved = (y - basis @ (basis.T @ y) for y in (tau, moved))
         # what an exact fit leaves is rounding
-        whole = max(float(len(tau) * tau.var()), TINY)
+        whole = max(float(len(tau) * tau.var()), SMALLEST)
         square = max(float(rest @ rest), np.finfo(float).eps * whole)
         normal += moved.T @ moved / square
         right += moved.T @ rest / square
@@ -509,4 +509,4 @@ def _sharpened(q: np.ndarray, step: float) -> tuple[float, float] | None:
     slope, start = np.polyfit(count, offset, 1)
     residual = offset - start - slope * count
     std = residual.std() / (count.std() * np.sqrt(len(offset)))
-    return float(slope), float(max(std, TINY))
+    return float(slope), float(max(std, SMALLEST))

@@ -13,7 +13,7 @@ from gapscope.arm.display import effect_name, listing
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import TINY
+from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.thresholds import KNOWN_FACTOR_R2, OBVIOUS_FAULT_PROBABILITY
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.setup_faults import Fault, Look
@@ -112,7 +112,7 @@ def factor_starts(
     left = sums[:, :2, :2] - sums[:, :2, 2:] @ own @ sums[:, 2:, :2]
     recorded, nominal = np.maximum(left[:, 0, 0], 0.0), np.maximum(left[:, 1, 1], 0.0)
     power = recorded * nominal
-    there = np.maximum(power, TINY)
+    there = np.maximum(power, SMALLEST)
     factors = np.where(power > 0, nominal / np.sqrt(there), 1.0)
     # share of the variance that both have in common
     return factors, (power > 0) & (left[:, 0, 1] ** 2 > KNOWN_FACTOR_R2 * there)

@@ -17,7 +17,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.reading import Reading, references
 from gapscope.arm.recording import Recording, SetPoints, set_points
-from gapscope.arm.root_mean_square import TINY, rms
+from gapscope.arm.root_mean_square import SMALLEST, rms
 from gapscope.diagnosis.setup_faults.found_fault import (
     FoundFault,
     by_recordings,
@@ -122,7 +122,7 @@ class LawSums:
         )
         sums = self.fitted[joint]
         # gains, friction and offset differ by orders of magnitude
-        size = np.sqrt(np.maximum(np.diag(sums)[own], TINY))
+        size = np.sqrt(np.maximum(np.diag(sums)[own], SMALLEST))
         gram = sums[np.ix_(own, own)] / np.outer(size, size)
         right = sums[own] @ left / size
         found = np.linalg.pinv(gram, rcond=1e-12, hermitian=True) @ right / size
@@ -133,7 +133,7 @@ class LawSums:
         mean = float(judged[one] @ whole) / judged[one, one]
         variance = float(whole @ judged @ whole) / judged[one, one] - mean**2
         square = max(float(left @ judged @ left), 0.0) / judged[one, one]
-        return found, float(np.sqrt(square / max(variance, TINY)))
+        return found, float(np.sqrt(square / max(variance, SMALLEST)))
 
 
 def law_sums(case: Case) -> LawSums | None:
@@ -231,7 +231,7 @@ def is_of_reference(recording: Recording) -> bool:
     unlike = []
     for other in (planned, derived):
         # up to a factor, by least squares
-        power = np.maximum((other**2).sum(axis=0), TINY)
+        power = np.maximum((other**2).sum(axis=0), SMALLEST)
         unlike.append(rms(dq - (dq * other).sum(axis=0) / power * other, 0)[moves])
     nearer = unlike[0] < REFERENCE_VELOCITY_RATIO * unlike[1]
     return bool(moves.any() and nearer.all())
@@ -437,7 +437,9 @@ def unmeasured_torque(
     if isinstance(declared, PD):
         stated = np.column_stack([declared.kp, declared.kd])
     off = np.abs(
-        np.log(np.maximum(stated[moving], TINY) / np.maximum(gains[moving], TINY))
+        np.log(
+            np.maximum(stated[moving], SMALLEST) / np.maximum(gains[moving], SMALLEST)
+        )
     )
     if isinstance(declared, PD) and off.max() > np.log(NAMED_GAIN_FACTOR):
         # declared gains come with their feedforward, those of the column without
