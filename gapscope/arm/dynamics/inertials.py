@@ -195,7 +195,7 @@ def _of_body(body: np.ndarray, distance: float) -> np.ndarray:
     # of a body that is impossible the trace may be negative
     shape = SHAPE_ERROR * max(0.5 * float(np.trace(about_centre)), 0.0)
     # half of that for products
-    out[4:, 4:] = np.diag(shape / (2 - np.eye(3)[UPPER]))
+    out[4:, 4:] = np.diag(shape * np.where(np.eye(3)[UPPER], 1.0, 0.5))
     return out
 
 

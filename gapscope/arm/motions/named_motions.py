@@ -53,7 +53,7 @@ def working_posture(kinematics: Kinematics, limits: Limits) -> np.ndarray:
     # fixed seeds: an arm works about the same posture in every run
     shifts = np.random.default_rng(0).uniform(-SPREAD, SPREAD, size)
     # about half of the joints stay in the middle
-    shifts *= np.random.default_rng(1).random(size).round()
+    shifts[np.random.default_rng(1).random(size) < 0.5] = 0.0
     scores = []
     for shift in shifts:
         distance_from_middle = np.mean(shift**2) / SPREAD**2
