@@ -536,7 +536,8 @@ def _diagnosed(document: Document) -> list[Mapping[str, Any]]:
 def _causes(document: Document) -> str:
     """The effects named with their shares; of more than three the largest two and the sum of the others."""
     effects = _diagnosed(document)
-    if document["closed"] is None:
+    # what closes nothing is no explanation of the gap
+    if not document["closed"]:
         names = [with_amount(entry) for entry in effects[:MAX_CAUSES]]
         more = len(effects) - len(names)
         names += [f"{more} more effect{'s' if more > 1 else ''}"] if more else []
@@ -586,7 +587,10 @@ def with_amount(entry: Mapping[str, Any]) -> str:
     """An effect with its size, if one number says it, and what it acts on: ``payload of 2.80 kg``."""
     amount, place = _amount(entry), acts_on(entry)
     size = f" of {amount}" if amount else ""
-    on = "" if place == "the whole arm" else f" ({place})"
+    # of a fault of the whole arm which it is
+    kind = entry.get("variant", "").replace("_", " ")
+    place = kind if place == "the whole arm" else place
+    on = f" ({place})" if place else ""
     return f"{effect_name(entry['effect'])}{size}{on}"
 
 
