@@ -442,10 +442,13 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     if not with_positions:
         known = {guess.channel for table in tables for guess in table.channels}
         found = ", ".join(sorted(known)) or "no channel"
+        with_robot = (
+            "give --robot, whose joints' names columns may carry and whose limits and gravity tell columns without "
+            "names; or "
+        ) * (arm is None)
         raise InputError(
             f"no column identifies joint positions, by its name or its values; found {found}",
-            "give --robot, whose joints' names columns may carry and whose limits and gravity tell columns without "
-            "names; or name the columns in a case, import: {q: ...}",
+            with_robot + "name the columns in a case, import: {q: ...}",
             file=logs[0].path,
         )
     # of several with positions the one that tells most
