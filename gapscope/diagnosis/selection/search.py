@@ -735,9 +735,14 @@ class SheetSearch(Search):
             return None
         # trials move noise, columns and caches of this search: they are put back
         gap, kept, best = Scan(self, fit, joints), dict(self.__dict__), None
+        odds = self._weigher(fit.own).odds
         for term, start in gap.starts():
             one = Candidate(term, EVERYONE)
             values, gain = gap.refined(term, start)
+            gain += odds((*fit.chosen, one)) - odds(fit.chosen)
+            # what is not worth its odds asks for no other noise and columns
+            if gain <= 0:
+                continue
             known = {**fit.values, one: values}
             torque = self._torque(fit) + gap.added(term, values)
             # noise beside the values, values beside that noise, and once more
@@ -746,12 +751,10 @@ class SheetSearch(Search):
                 self._prepare()
                 larger = self.with_some(list(known), known)
                 known, torque = larger.values, self._torque(larger)
-            odds = self._weigher(larger.own).odds
-            gain += odds(larger.chosen) - odds(fit.chosen)
             # values that cannot be are never seen
             shown = np.isfinite(larger.total) and self._closed(fit, larger)
             better = best is None or gain > best[0]
-            if gain > 0 and shown >= VISIBLE_EFFECT and better:
+            if shown >= VISIBLE_EFFECT and better:
                 # its noise and columns belong to it: the search goes on with them
                 best = gain, larger, dict(self.__dict__)
         self.__dict__.update(kept if best is None else best[2])
