@@ -154,12 +154,15 @@ class SheetComparison(Comparison):
         return {name: self._closed(known, name) for name in unseen}
 
     def _closed(self, known: Explained, name: str) -> float:
-        """Most that a finding closes of a joint's held-out gap, errors of the bodies taken out or not [1]."""
+        """Most that a finding closes of a joint's held-out gap, and no more than of all joints together [1].
+
+        Errors of the bodies are taken out or not: they may cover what it does, or do the same.
+        """
         own = sum(known.torque[one] for one in self.findings[name])
-        # likely errors of the bodies may cover what it does, or do the same
         gaps = (known.after, known.after - known.errors)
         closed = [known.visible(left + own) - known.visible(left) for left in gaps]
-        return float(np.max(closed))
+        # what it opens on others counts against what it closes on one
+        return float(max(min(some.max(), some.sum()) for some in closed))
 
     @cached_property
     def explained(self) -> Explained:

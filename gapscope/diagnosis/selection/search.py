@@ -751,8 +751,9 @@ class SheetSearch(Search):
                 self._prepare()
                 larger = self.with_some(list(known), known)
                 known, torque = larger.values, self._torque(larger)
-            # values that cannot be are never seen
-            shown = np.isfinite(larger.total) and self._closed(fit, larger)
+            # values that cannot be are never seen, nor what has left beside that noise
+            there = one in larger.chosen and np.isfinite(larger.total)
+            shown = there and self._closed(fit, larger)
             better = best is None or gain > best[0]
             if shown >= VISIBLE_EFFECT and better:
                 # its noise and columns belong to it: the search goes on with them
