@@ -12,7 +12,12 @@ from gapscope.arm.input_file import LARGEST_IN_MEMORY, check_file, is_folder
 from gapscope.arm.io.formats.array_files import read_hdf5, read_mat
 from gapscope.arm.io.formats.lerobot import INFO, is_dataset, read_dataset
 from gapscope.arm.io.formats.rosbag import METADATA, bag_files, read_bag
-from gapscope.arm.io.formats.table_files import read_csv, read_npz, read_parquet
+from gapscope.arm.io.formats.table_files import (
+    read_csv,
+    read_json_lines,
+    read_npz,
+    read_parquet,
+)
 from gapscope.arm.io.table import Log, Table, shortened
 
 __all__ = ["READERS", "Log", "open_log"]
@@ -25,6 +30,7 @@ _OF_ONE_TABLE: dict[str, Callable[[Path], Table]] = {
     ".csv": read_csv,
     ".tsv": read_csv,
     ".txt": read_csv,
+    ".jsonl": read_json_lines,
     ".parquet": read_parquet,
     ".npz": read_npz,
 }

@@ -193,8 +193,6 @@ class Table:
             if np.isfinite(float(cell)):
                 return f"holds {cell}, which no log of an arm does in any unit"
             return f"is not a finite number ({cell})"
-        if isinstance(cell, str) and is_number(cell.replace(",", ".")):
-            return f"{cell!r} has a decimal comma"
         return f"expected a number, got {str(cell)[:40]!r}"
 
 
@@ -214,6 +212,11 @@ def is_number(cell: Any) -> bool:
         float(cell)
         return True
     return False
+
+
+def is_decimal(cell: str) -> bool:
+    """Whether a text is a number, with a decimal point or a decimal comma."""
+    return is_number(cell.replace(",", "."))
 
 
 def numbered(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -366,8 +369,6 @@ class Damage:
             f"up to {MAX_DAMAGED:.0%} of the rows are left out; repair the file, or say null in the import: section "
             "for a channel that lacks values; a missing value is never guessed"
         )
-        if "decimal comma" in self.first.get(wrong[0], ""):
-            remedy = "write decimal points"
         return InputError(
             f"{len(wrong)} of {len(self.bad)} rows cannot be read: {self._said(wrong)}",
             remedy,

@@ -237,12 +237,12 @@ def test_sound(arm: NominalArm, tmp_path: Path) -> None:
     assert "elbow is limited to -2 to 2 rad" in note
 
 
-COMMAS = "\n".join(";".join(row).replace(".", ",") for row in rows())
 WHOLE: list[tuple[str, bytes | None, str]] = [
     ("absent.csv", None, "absent.csv: no such file or folder"),
     ("log.xlsx", b"PK", "the ending '.xlsx' names no known format"),
     ("log.csv", b"t,q1\n\xff\xfe\x00", "is not a text in UTF-8"),
-    ("log.csv", COMMAS.encode(), "50 rows cannot be read: line 2, column t: '0,000000' has a decimal comma"),
+    ("log.jsonl", b'{"t": 0.0}\n{"t": 0.1', "line 2: is no object of JSON"),
+    ("log.jsonl", b"\n", "is empty"),
 ]  # fmt: skip
 """Files that are no table at all."""
 

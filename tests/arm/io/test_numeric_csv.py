@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.formats.table_files import read_csv
+from gapscope.arm.io.log import open_log
 
 
 def text(rows: int) -> list[str]:
@@ -43,3 +45,59 @@ def test_what_is_no_row_of_numbers_is_left_to_the_text_reader(
     else:
         assert len(table.numbers("q1")) == 40
         assert table.where(20, "q1") == "line 23, column q1"
+
+
+ROWS = np.round(np.random.default_rng(1).normal(size=(30, 3)), 6)
+NAMES = ["t", "q1", "q2"]
+
+
+def lines(delimiter: str, point: str, mixed: bool = False) -> list[str]:
+    """Rows of numbers; a mixed one has text in the column of the last, which no block of numbers holds."""
+    cells = [[str(x).replace(".", point) for x in row] for row in ROWS.tolist()]
+    if mixed:
+        cells[20][2] = "-"
+    return [delimiter.join(row) for row in cells]
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+@pytest.mark.parametrize(("delimiter", "point"), [(",", "."), (";", ","), ("\t", ",")])
+@pytest.mark.parametrize(
+    "above",
+    [
+        [],
+        ["# robot log", "", "# of a Monday"],
+        ["Robot log{d}{d}", "Operator", ""],
+        None,
+    ],
+)
+def test_remarks_above_the_header_and_decimal_commas(
+    tmp_path: Path, above: list[str] | None, delimiter: str, point: str, mixed: bool
+) -> None:
+    file, text = tmp_path / "log.csv", lines(delimiter, point, mixed)
+    # none: a file without a header
+    top = (
+        []
+        if above is None
+        else [*(x.replace("{d}", delimiter) for x in above), delimiter.join(NAMES)]
+    )
+    file.write_text("\n".join([*top, *text]) + "\n", encoding="utf-8")
+    table = read_csv(file)
+    names = ["1", "2", "3"] if above is None else NAMES
+    assert list(table.columns) == names
+    assert table.where(0, names[0]).startswith(f"line {len(top) + 1},")
+    for name, expected in zip(names[:2], ROWS.T[:2], strict=True):
+        np.testing.assert_array_equal(table.numbers(name), expected)
+    found, sound = table.values(names[2]), np.ones(len(ROWS), dtype=bool)
+    sound[20] = not mixed
+    np.testing.assert_array_equal(found[sound], ROWS[sound, 2])
+    assert np.isnan(found[~sound]).all()
+
+
+def test_lines_of_json_with_lists_and_nested_objects(tmp_path: Path) -> None:
+    file = tmp_path / "log.jsonl"
+    objects = [{"t": t, "state": {"q": q}} for t, *q in ROWS.tolist()]
+    file.write_text("\n\n".join(map(json.dumps, objects)), encoding="utf-8")
+    (table,) = open_log(file).tables
+    np.testing.assert_array_equal(table.values("state.q"), ROWS[:, 1:])
+    np.testing.assert_array_equal(table.numbers("t"), ROWS[:, 0])
+    assert table.where(1, "t") == "line 3, column t"

@@ -1,9 +1,10 @@
-"""Files of tables: CSV in blocks, Parquet, NPZ."""
+"""Files of tables: CSV in blocks, lines of JSON, Parquet, NPZ."""
 
 from __future__ import annotations
 
 import csv
 import itertools
+import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,9 @@ from gapscope.arm.input_file import (
     complete_file,
     read_arrays,
 )
-from gapscope.arm.io.table import Table, is_number, numbered
+from gapscope.arm.io.table import Table, is_decimal, is_number, numbered
 
-# Tables from CSV, Parquet and NPZ files.
+# Tables from CSV, JSON, Parquet and NPZ files.
 
 
 _DELIMITERS = (",", ";", "\t")
@@ -26,21 +27,29 @@ FEWEST_COUNTED = 4
 """So many whole numbers in a row, from 0 or 1, are the header of a table without names [1]; fewer may be samples."""
 
 
+ABOVE = 100
+"""Lines at the beginning of a file among which its header is looked for. (budget)"""
+
+
 def read_csv(path: Path) -> Table:
     """Table of a CSV file; the first line decides the delimiter: comma, semicolon or tab, else spaces.
 
-    A header may begin with ``#`` or ``%``. Columns of a file without one are called by their numbers, from 1.
+    A header may begin with ``#`` or ``%``, and remarks may stand above it. Columns of a file without one are called by
+    their numbers, from 1. Decimals have points or commas.
 
     Raises:
         InputError: the file is empty, has nothing below its header, a column twice, or is not text.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            header, first = file.readline(), file.readline()
-            found = _numeric_table(path, header, first)
+            top = list(itertools.islice(file, ABOVE))
+            above = _remarks(top)
+            header, *below = top[above:] or [""]
+            found = _numeric_table(path, header, "".join(below[:1]), above)
             if found is not None:
                 return found
-            return table_of_lines(header, itertools.chain([first], file), path)
+            text = itertools.chain(below, file)
+            return table_of_lines(header, text, path, above + 2, above + 1)
     except UnicodeDecodeError:
         raise InputError(
             "is not a text in UTF-8",
@@ -49,7 +58,41 @@ def read_csv(path: Path) -> Table:
         ) from None
 
 
-def _numeric_table(path: Path, header: str, first: str) -> Table | None:
+def _remarks(lines: Sequence[str]) -> int:
+    """Number of lines above the header: they have another number of cells than samples and header."""
+    for k, (line, after) in enumerate(itertools.pairwise(lines)):
+        delimiter = _delimiter(line)
+        row = _cells(line, delimiter)
+        # the first row of samples: its header and what stands between have as many cells
+        numbers = sum(map(is_decimal, row))
+        if len(row) == len(_cells(after, delimiter)) > 1 and 2 * numbers > len(row):
+            widths = [len(_cells(other, delimiter)) for other in lines[:k]]
+            above = k
+            while above and widths[above - 1] == len(row):
+                above -= 1
+            return above if above < k else 0
+    return 0
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """What a line of a table holds; the header may be a remark to other programs."""
+    line = line.lstrip("#% ")
+    if delimiter == " ":
+        return line.split()
+    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+
+
+def _delimiter(line: str) -> str:
+    """What parts the cells of a line: what is there most, since names may hold another; else blanks."""
+    for one in _DELIMITERS[1:]:
+        # commas are those of decimals
+        if one in line and all(map(is_decimal, line.split(one))):
+            return one
+    most = max(_DELIMITERS, key=line.count)
+    return most if most in line.strip() else " "
+
+
+def _numeric_table(path: Path, header: str, first: str, above: int) -> Table | None:
     """The table of a file of numbers, parsed in blocks by Arrow: in a tenth of the time, and the memory, of its text.
 
     Columns whose first cell is a number hold numbers, each the float nearest to its decimal text, as that of Python.
@@ -57,8 +100,9 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
 
     Args:
         path: the file, in UTF-8.
-        header: its first line.
+        header: the line with the names, or the first row of samples.
         first: the one below.
+        above: number of the lines above.
 
     Returns:
         The table; ``None`` if text has to be read row by row.
@@ -66,20 +110,16 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
     import pyarrow as pa
     from pyarrow import csv as arrow
 
-    header = header.lstrip("#% ")
-    # the one that is there most: names may hold another
-    delimiter = max(_DELIMITERS, key=header.count)
-    if delimiter not in header.strip():
+    delimiter = _delimiter(header.lstrip("#% "))
+    if delimiter == " ":
         return None
-    split = [
-        next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
-        for line in (header, first)
-    ]
-    names, begin = _names(split[0], path)
-    if len(split[1]) != len(names):
+    cells = _cells(first, delimiter)
+    names, begin = _names(_cells(header, delimiter), path, above + 1)
+    if len(cells) != len(names):
         return None
     # by the first cell: a later one that is none makes Arrow refuse the file
-    number = dict(zip(names, map(is_number, split[1]), strict=True))
+    number = dict(zip(names, map(is_decimal, cells), strict=True))
+    commas = any(is_decimal(cell) and not is_number(cell) for cell in cells)
     types = {name: pa.float64() if number[name] else pa.string() for name in names}
     try:
         read = arrow.read_csv(
@@ -90,7 +130,9 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
             # an empty line is an error too: rows are numbered as lines are
             arrow.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
             # an empty cell is an error that has a place, not a missing value
-            arrow.ConvertOptions(column_types=types, null_values=[]),
+            arrow.ConvertOptions(
+                column_types=types, null_values=[], decimal_point="," if commas else "."
+            ),
         )
     except (pa.ArrowException, OSError, ValueError):
         return None
@@ -108,36 +150,41 @@ def _numeric_table(path: Path, header: str, first: str) -> Table | None:
 
 
 def table_of_lines(
-    header: str, below: Iterable[str], path: Path, first_line: int = 2
+    header: str,
+    below: Iterable[str],
+    path: Path,
+    first_line: int = 2,
+    header_line: int = 1,
 ) -> Table:
     """Table of a CSV header and lines of the same file.
 
     Args:
-        header: the first line of the file, a row of samples if it has no names.
+        header: the line with the names, a row of samples if there are none.
         below: lines of samples.
         path: the file, for messages.
         first_line: number of the first of these lines in the file.
+        header_line: number of the line with the names.
 
     Raises:
         InputError: see ``read_csv``.
     """
     header = header.lstrip("#% ")
-    delimiter = max(_DELIMITERS, key=header.count)
+    delimiter = _delimiter(header)
     text: Iterable[str] = itertools.chain([header], below)
     # blanks between columns: runs of them are one
-    if delimiter not in header.strip() and " " in header.strip():
-        delimiter, text = " ", (line.strip() for line in text)
+    if delimiter == " ":
+        text = (line.strip() for line in text)
     reader = csv.reader(text, delimiter=delimiter, strict=True, skipinitialspace=True)
     skipped = first_line - 2
     rows: list[Sequence[str | None]] = []
     lines, cut = [], {}
     try:
         first = next(reader, [])
-        names, begin = _names(first, path)
+        names, begin = _names(first, path, header_line)
         # a header without names is the first row of its file
-        if begin == 1 and not skipped:
-            rows.append(first)
-            lines.append(1)
+        if begin == header_line and first_line == header_line + 1:
+            rows.append(list(map(_with_point, first)))
+            lines.append(header_line)
         for row in reader:
             # an empty line is no row; places still count it
             if not row:
@@ -145,7 +192,8 @@ def table_of_lines(
             place = reader.line_num + skipped
             if len(row) != len(names):
                 cut[place] = f"has {len(row)} cells, the header has {len(names)}"
-            rows.append(row if place not in cut else (None,) * len(names))
+            whole = place not in cut
+            rows.append([*map(_with_point, row)] if whole else (None,) * len(names))
             lines.append(place)
     except csv.Error as error:
         raise InputError(
@@ -161,8 +209,13 @@ def table_of_lines(
     return Table(path, columns, lines, "line", cut=cut)
 
 
-def _names(first: list[str], path: Path) -> tuple[list[str], int]:
-    """Names of the columns by the cells of the first line, and the line at which the samples begin."""
+def _with_point(cell: str) -> str:
+    """A cell with a decimal point if it is a number with a decimal comma."""
+    return cell.replace(",", ".") if "," in cell and is_decimal(cell) else cell
+
+
+def _names(first: list[str], path: Path, line: int) -> tuple[list[str], int]:
+    """Names of the columns by the cells of a line, and the line at which the samples begin."""
     names = [name.strip() for name in first]
     if not any(names):
         raise InputError("is empty", "give a file with a header and samples", file=path)
@@ -170,21 +223,50 @@ def _names(first: list[str], path: Path) -> tuple[list[str], int]:
     # 0 1 2 3 .. or 1 2 3 4 ..: written by a program that had no names
     counted = names in (numbered, [str(j) for j in range(len(names))])
     if counted and len(names) >= FEWEST_COUNTED:
-        return numbered, 2
+        return numbered, line + 1
     # a number with a point is a sample: no header has one
     if any("." in name and is_number(name) for name in names) or all(
-        map(is_number, names)
+        map(is_decimal, names)
     ):
-        return numbered, 1
+        return numbered, line
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
         raise InputError(
             f"has the column {twice!r} twice",
             "rename one of them",
             file=path,
-            where="line 1",
+            where=f"line {line}",
         )
-    return names, 2
+    return names, line + 1
+
+
+def read_json_lines(path: Path) -> Table:
+    """Table of a file with an object of JSON on each line; cells may be lists, and names of nested ones have dots.
+
+    Raises:
+        InputError: a line is no object of JSON, or the file has none.
+    """
+    import pandas as pd
+
+    rows, lines = [], []
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            if not line.strip():
+                continue
+            try:
+                rows.append(dict(json.loads(line)))
+            except (ValueError, TypeError, RecursionError):
+                raise InputError(
+                    "is no object of JSON",
+                    "repair the line or take it out",
+                    file=path,
+                    where=f"line {number}",
+                ) from None
+            lines.append(number)
+    if not rows:
+        raise InputError("is empty", "give a file with samples", file=path)
+    frame = pd.json_normalize(rows)
+    return Table(path, {name: frame[name].to_numpy() for name in frame}, lines, "line")
 
 
 def read_parquet(path: Path) -> Table:
