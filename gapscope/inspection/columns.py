@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -26,13 +26,13 @@ SIGN_BITS = (10, 15)
 
 
 QUANTITIES = {
-    "position": {"q", "position", "pos", "angle", "theta", "state", "action"},
+    "position": {"q", "position", "pos", "angle", "theta", "winkel", "state", "action"},
     "velocity": {"dq", "qd", "qdot", "velocity", "vel", "speed", "omega"},
     "acceleration": {"ddq", "qdd", "acceleration", "acc"},
-    "torque": {"tau", "torque", "effort", "moment", "trq", "load"},
-    "current": {"current", "cur", "curr", "amp", "amps", "i", "iq"},
+    "torque": {"tau", "torque", "effort", "eff", "moment", "drehmoment", "trq", "load"},
+    "current": {"current", "cur", "curr", "amp", "amps", "i", "iq", "strom"},
     "temperature": {"temperature", "temp"},
-    "time": {"t", "time", "timestamp", "stamp", "sec", "secs", "seconds"},
+    "time": {"t", "time", "timestamp", "stamp", "sec", "secs", "seconds", "zeit"},
 }
 """Words for a quantity; the first match in this order counts."""
 STATES = {"state", "action"}
@@ -633,9 +633,15 @@ def channels_of_table(
         said = "" if reason and guess.why == BY_NAME else guess.why
         return replace(guess, unit=unit, why="; ".join(filter(None, (said, reason))))
 
-    # torques by their use; all else stays as it was found
+    # torques by their use, those that never change last; all else stays as it was found
     order = {role: rank + 1 for rank, role in enumerate(TORQUE_ORDER)}
-    return sorted(map(with_unit, found), key=lambda guess: order.get(guess.role, 0))
+
+    def use(guess: ChannelGuess) -> tuple[bool, int]:
+        """What makes a torque less useful than another one."""
+        still = guess.channel == "tau" and not np.ptp(guess.group.values, axis=0).any()
+        return still, order.get(guess.role, 0)
+
+    return sorted(map(with_unit, found), key=use)
 
 
 def _channel(meaning: Meaning) -> tuple[str, str]:
@@ -732,9 +738,22 @@ def columns_by_values(
         elif quantity and (arm is None or arm.n_joints == 1):
             groups.append(ColumnGroup(name, ("1",), (name,), x[:, None], BY_NAME))
             taken.add(name)
+    # of columns without a word, those of which a velocity is the derivative
+    velocities = [g for g in groups if meaning_of(g.pattern).quantity == "velocity"]
+    for group, velocity in product(named.groups, velocities):
+        meaning = meaning_of(group.pattern)
+        wordless = not meaning.quantity and not meaning.words & NOT_OF_JOINTS
+        alike = wordless and group.width == velocity.width
+        rows = np.asarray(table.row_numbers)
+        if alike and derivative_ratio(rows, group.values, velocity.values) is not None:
+            why = f"{velocity.pattern} is its derivative"
+            groups.append(replace(group, holds="position", seen=why))
+            taken |= set(group.names)
+            break
     # positions by name: values need not be asked
-    if any(meaning_of(group.pattern).quantity == "position" for group in groups):
-        return TableColumns(tuple(groups), singles)
+    if any(group.meaning("").quantity == "position" for group in groups):
+        others = {name: x for name, x in named.singles.items() if name not in taken}
+        return TableColumns(tuple(groups), singles | others)
     silent = {
         name: x
         for name, x in _numbers(table).items()

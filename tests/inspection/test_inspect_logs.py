@@ -62,6 +62,15 @@ def lists_in_cells(r: Recording) -> dict[str, object]:
     return {"timestamp": 1e6 * r.t, "kind": ["STATE"] * len(r.t), **cells}
 
 
+def without_a_word(r: Recording) -> dict[str, np.ndarray]:
+    return {
+        "ZEIT": r.t,
+        **columns("AXIS_ACT_A{j}", DEGREES * r.q),
+        **columns("AXIS_VEL_A{j}", DEGREES * r.dq),
+        **columns("TORQUE_ACT_A{j}", r.tau),
+    }
+
+
 STYLES: tuple[Callable[[Recording], dict[str, object]], ...] = (
     case_format,
     degrees_and_milliseconds,
@@ -69,6 +78,7 @@ STYLES: tuple[Callable[[Recording], dict[str, object]], ...] = (
     counted_rows,
     named_joints,
     lists_in_cells,
+    without_a_word,
 )
 
 
