@@ -17,6 +17,7 @@ from gapscope.effects.parameter import Parameter
 from gapscope.envs.effect_ranges import Z95
 from gapscope.model.contrast import Answer
 from gapscope.model.difference import Difference, Fit
+from gapscope.model.equations import MIN_FORM
 from gapscope.model.explained import Explained, explained
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term, Terms
@@ -47,7 +48,7 @@ class Alternative:
         joints: its joints.
         probability: probability that it, and not the effect named, is the cause.
         evidence: log odds against the effect named [nats].
-        equivalent: whether it is the same body by another name.
+        equivalent: whether it is the same cause by another name: that body, or that torque in all of the motions.
     """
 
     effect: str
@@ -112,8 +113,12 @@ class Comparison:
 
     @cached_property
     def probabilities(self) -> dict[str, float]:
-        """Probability of each finding, on whatever joints, summed over the sets that compete."""
-        return self.difference.probabilities_of(lambda one: one.term.finding)
+        """Probability of each finding, on whatever joints and by whatever name, summed over the sets that compete."""
+        found = self.difference.probabilities_of(lambda one: one.term.finding)
+        for name in self.findings:
+            same = [o for o in self.alternatives(name) if o.equivalent]
+            found[name] = min(found[name] + sum(o.probability for o in same), 1.0)
+        return found
 
     @property
     def likely(self) -> tuple[str, ...]:
@@ -252,7 +257,7 @@ class Comparison:
                     joints=joints if on_joints else (),
                     probability=odds[other] * share,
                     evidence=value,
-                    equivalent=same_body,
+                    equivalent=same_body or self._does_the_same(mine, other),
                 )
             )
         return sorted(found, key=lambda other: -other.probability)
@@ -293,6 +298,23 @@ class Comparison:
             if by_term and name not in out and np.isfinite(each).all():
                 out[name] = float(sum(each))
         return out
+
+    def _does_the_same(self, mine: frozenset[Term], other: str) -> bool:
+        """Whether an effect can make the torque of a finding to within what no arm is modelled better than."""
+        own, values = self.fit.own, self.fit.answer.values
+        torque = own.torque({one: x for one, x in values.items() if one.term in mine})
+        columns = [
+            own.torque({one: unit}).ravel()
+            for one in own.candidates
+            if one.effect == other and self._stands_for(one.term, mine, ())
+            for unit in np.eye(len(own.design.places[one.term]))
+        ]
+        if not columns:
+            return False
+        x = np.stack(columns, axis=1)
+        left = torque.ravel() - x @ np.linalg.lstsq(x, torque.ravel(), rcond=None)[0]
+        rms = np.sqrt((left.reshape(torque.shape) ** 2).mean(axis=0))
+        return bool(rms.max() < MIN_FORM)
 
     def _form_of_law(self, applied: AppliedEffect) -> np.ndarray:
         """Factor of the values of each draw, (D,): laws whose form in nature differs are off by half of that."""

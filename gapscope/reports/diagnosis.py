@@ -38,6 +38,7 @@ from gapscope.diagnosis.document.findings import NOT_YET
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
     acts_on,
+    called,
     capital,
     gap_rows,
     gravity_text,
@@ -896,7 +897,7 @@ def _effects(document: Mapping[str, Any]) -> Table:
         if not joints or place.startswith("motor"):
             joints = place
         lines = [f"{value.name} {value.text}" for value in parameter_texts(effect)]
-        texts = (capital(effect_name(effect["effect"])), joints)
+        texts = (capital(called(effect)), joints)
         values = "\n".join([*lines, *holds_in(effect)])
         shares = (percent(effect[key]) for key in ("probability", "share"))
         rows.append([*map(Text, (*texts, values)), *shares])

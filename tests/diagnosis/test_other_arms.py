@@ -12,7 +12,11 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.diagnosis.document.wording import parameter_texts, with_slide_units
+from gapscope.diagnosis.document.wording import (
+    called,
+    parameter_texts,
+    with_slide_units,
+)
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.recorder import Plan, record_case
 from gapscope.ident.samples import FrictionLaw, ModelColumns
@@ -165,3 +169,15 @@ def test_friction_with_the_load_of_a_leg_is_found(tmp_path: Path) -> None:
     assert effect["effect"] == "load_friction"
     [found] = effect["parameters"]["coefficient"]["value"]
     assert found == pytest.approx(0.19, abs=0.01)
+
+
+def test_what_no_motion_of_a_slide_tells_apart_is_one_cause(tmp_path: Path) -> None:
+    arm = robot(tmp_path, GANTRY[:1])
+    truth = AppliedEffect("torque_offset", (1,), {"torque": np.array([30.0])})
+    case = record_case("slide", arm, (truth,), PLAN, np.random.default_rng(0))
+    document = gapscope.diagnose(case).document
+    [effect] = document["effects"]
+    names = {o["effect"] for o in effect["alternatives"] if o["equivalent"]}
+    assert {effect["effect"], *names} >= {"torque_offset", "base_tilt"}
+    assert document["verdict"] == "effects_found" and effect["probability"] > 0.9
+    assert all(name.replace("_", " ") in called(effect) for name in names)

@@ -21,7 +21,12 @@ from gapscope.arm.display import (
 )
 from gapscope.arm.joint_units import SLIDING_UNITS, common_unit, joint_unit, units_of
 from gapscope.arm.root_mean_square import rms
-from gapscope.diagnosis.thresholds import HEALTHY_REAL, INERTIAL_ERROR, NO_TORQUE
+from gapscope.diagnosis.thresholds import (
+    HEALTHY_REAL,
+    INERTIAL_ERROR,
+    NO_TORQUE,
+    OPEN_ALTERNATIVE,
+)
 from gapscope.effects.catalogue import COUPLED_MOTORS, known_effect
 from gapscope.model.changes import change_text
 
@@ -591,7 +596,18 @@ def with_amount(entry: Mapping[str, Any]) -> str:
     kind = entry.get("variant", "").replace("_", " ")
     place = kind if place == "the whole arm" else place
     on = f" ({place})" if place else ""
-    return f"{effect_name(entry['effect'])}{size}{on}"
+    return f"{called(entry)}{size}{on}"
+
+
+def called(entry: Mapping[str, Any]) -> str:
+    """An effect by its name, or by any of those that no motion tells from it: ``base tilt or torque offset``."""
+    others = [
+        other["effect"]
+        for other in entry.get("alternatives", ())
+        if other.get("equivalent") and other["probability"] >= OPEN_ALTERNATIVE
+    ]
+    *names, last = (effect_name(name) for name in (entry["effect"], *others))
+    return f"{', '.join(names)} or {last}" if names else last
 
 
 def _amount(entry: Mapping[str, Any]) -> str:
