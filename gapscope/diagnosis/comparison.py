@@ -456,7 +456,9 @@ def names_of(
     effect: str, probability: float, others: Sequence[Alternative]
 ) -> list[str]:
     """Names that hold the true one in nine of ten cases, in falling order; ``unknown`` takes the rest."""
-    names, total = [effect], probability
+    # the probability is that of all names that no motion tells apart
+    same = sum(other.probability for other in others if other.equivalent)
+    names, total = [effect], probability - same
     for other in others:
         if total >= IN_TEN:
             break
