@@ -280,6 +280,8 @@ class Search:
     _beyond: dict[tuple[Candidate | None, Candidate], float] = field(
         default_factory=dict
     )
+    # the hypothesis of which each term was asked again last
+    _settled: Fit | None = None
 
     def __post_init__(self) -> None:
         """What is given of nonlinear parameters is known from the start."""
@@ -872,7 +874,8 @@ class Search:
 
     def _asked_again(self, fit: Fit) -> Fit:
         """The hypothesis without terms that it does not need, or with better ones in their place."""
-        settled = False
+        # one that was asked before answers as it did
+        settled = fit is self._settled
         while not settled:
             settled = True
             for one in fit.mine:
@@ -881,6 +884,7 @@ class Search:
                 if better is not None and better.total > fit.total + 1e-3:
                     fit, settled = better, False
                     break
+        self._settled = fit
         return fit
 
     def _without(self, fit: Fit, one: Candidate) -> Fit | None:
