@@ -714,7 +714,7 @@ TURNS: dict[str, tuple[float, ...]] = {
 """Attributes that turn an element, with what stands in for one that cannot be read."""
 
 
-def _turn_of_z(direction: np.ndarray) -> np.ndarray:
+def turn_of_z(direction: np.ndarray) -> np.ndarray:
     """The shortest turn from the z axis to a direction; unity of none, shape (3, 3)."""
     axis = np.cross([0.0, 0.0, 1.0], direction)
     size = np.linalg.norm(axis)
@@ -995,7 +995,7 @@ class _MjcfReader(_Reader):
                 ends = self.several(element, "fromto", np.zeros(6), place).reshape(2, 3)
                 # in the middle, with the z axis from the one end to the other
                 way = ends[1] - ends[0]
-                pose = SE3(_turn_of_z(way), ends.mean(axis=0))
+                pose = SE3(turn_of_z(way), ends.mean(axis=0))
                 # half lengths of MJCF, as of all its sizes
                 size = size[0], float(np.linalg.norm(way)) / 2
             size = _extent(kind, size)
@@ -1026,7 +1026,7 @@ class _MjcfReader(_Reader):
             y = _unit(given[3:] - (x @ given[3:]) * x)
             turn = np.column_stack([x, y, np.cross(x, y)])
         elif key == "zaxis":
-            turn = _turn_of_z(given)
+            turn = turn_of_z(given)
         return SE3(turn, position)
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from arms import ROD, Link, written
 from sweeps import daily
 
-from gapscope.arm.dynamics.kinematics import Kinematics, Pose, inverse_kinematics
+from gapscope.arm.dynamics.kinematics import Kinematics, inverse_kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.table import numbered
@@ -153,8 +154,11 @@ def test_weld_seam_is_straight_at_constant_speed_and_keeps_the_orientation(
     seam = weld_seam(space.kinematics, space.posture, way, space.limits, speed=0.05)
     t = np.linspace(-0.1, seam.duration + 0.1, 501)
     poses = [space.kinematics.tool(q) for q in seam.position(t)]
-    start, length = space.kinematics.tool(space.posture).position, np.linalg.norm(way)
-    tool = np.array([pose.position for pose in poses]) - start
+    start, length = (
+        space.kinematics.tool(space.posture).translation,
+        np.linalg.norm(way),
+    )
+    tool = np.array([pose.translation for pose in poses]) - start
     along = tool @ way / length
     aside = tool - np.outer(along, way / length)
     assert np.linalg.norm(aside, axis=1).max() < 1e-5
@@ -173,10 +177,10 @@ def test_inverse_kinematics_finds_the_posture_it_came_from_and_says_when_out_of_
     kinematics, posture = space.kinematics, space.posture
     target = kinematics.tool(posture + 0.1)
     found = kinematics.tool(inverse_kinematics(kinematics, target, posture))
-    np.testing.assert_allclose(found.position, target.position, atol=1e-6)
+    np.testing.assert_allclose(found.translation, target.translation, atol=1e-6)
     np.testing.assert_allclose(found.rotation, target.rotation, atol=1e-5)
     with pytest.raises(GapscopeError, match="cannot reach"):
-        far = Pose(np.full(3, 5.0), target.rotation)
+        far = pin.SE3(target.rotation, np.full(3, 5.0))
         inverse_kinematics(kinematics, far, posture)
 
 
@@ -184,11 +188,11 @@ def test_tool_jacobian_agrees_with_finite_differences(space: Workspace) -> None:
     kinematics, posture, h = space.kinematics, space.posture, 1e-6
     points = kinematics.skeleton(posture)
     assert points.shape == (len(posture) + 2, 3) and not points[0].any()
-    assert np.abs(points[-1] - kinematics.tool(posture).position).max() < 0.05
+    assert np.abs(points[-1] - kinematics.tool(posture).translation).max() < 0.05
     jacobian = kinematics.tool_jacobian(posture)
     for step, column in zip(h * np.eye(len(posture)), jacobian.T, strict=True):
         ahead, behind = (kinematics.tool(posture + s * step) for s in (1, -1))
-        slope = (ahead.position - behind.position) / (2 * h)
+        slope = (ahead.translation - behind.translation) / (2 * h)
         np.testing.assert_allclose(slope, column[:3], atol=1e-8)
         spin = (ahead.rotation @ behind.rotation.T - np.eye(3)) / (2 * h)
         about = [spin[2, 1], spin[0, 2], spin[1, 0]]
