@@ -18,7 +18,11 @@ from gapscope.arm.dynamics.robot_file import UNLIMITED, listed
 from gapscope.arm.errors import InputError
 
 POSTURES = 12
-"""Random postures in which the bodies' kinetic energy may not be negative."""
+"""Postures that stand for all of an arm's where its inertia is looked at."""
+
+
+Place = pin.SE3
+"""Place of one frame in another: a translation [m] and a rotation."""
 
 
 @dataclass(frozen=True)
@@ -148,11 +152,7 @@ def check_inertia(body: RigidBody, at_fault: str = "") -> None:
         if x.mass < 0 or not np.isfinite(x.toDynamicParameters()).all()
     ]
     # the joint that most takes part in a motion without kinetic energy in the zero posture, or a negative one in others
-    low, high = np.clip(body.position_limits(), -np.pi, np.pi)
-    # the same postures at each call, so that an error comes again
-    share = np.random.default_rng(0).uniform(size=(POSTURES, body.n_joints))
-    postures = [np.zeros(body.n_joints), *(low + share * (high - low))]
-    for k, q in enumerate(() if bad else postures):
+    for k, q in enumerate(() if bad else body.postures(POSTURES + 1)):
         values, vectors = np.linalg.eigh(body.mass_matrix(q))
         least = 1e-9 if k == 0 else -1e-9
         if values[0] <= least * np.abs(values).max():
@@ -187,12 +187,17 @@ def _add_link(robot: ET.Element, name: str, mass: float, place: pin.SE3) -> None
     )
 
 
+def angles(place: pin.SE3) -> np.ndarray:
+    """Roll, pitch and yaw of a place [rad], shape (3,)."""
+    return np.asarray(pin.rpy.matrixToRpy(place.rotation))
+
+
 def set_origin(element: ET.Element, place: pin.SE3) -> None:
     """Give an element of a URDF an ``<origin>``, in place of the one that it may have."""
     origin = element.find("origin")
     origin = ET.SubElement(element, "origin") if origin is None else origin
     origin.set("xyz", numbers(place.translation))
-    origin.set("rpy", numbers(pin.rpy.matrixToRpy(place.rotation)))
+    origin.set("rpy", numbers(angles(place)))
 
 
 def numbers(values: np.ndarray) -> str:
@@ -247,7 +252,7 @@ def quaternion(place: pin.SE3) -> np.ndarray:
 
     ``pin.Quaternion`` of pinocchio 4.1 loses 80 bytes each time, which scattered over the heap cost 10 kB per arm.
     """
-    half = 0.5 * pin.rpy.matrixToRpy(place.rotation)
+    half = 0.5 * angles(place)
     (sr, sp, sy), (cr, cp, cy) = np.sin(half), np.cos(half)
     return np.array(
         [

@@ -239,6 +239,15 @@ class RigidBody:
         none = (lower >= upper) | (lower <= -UNLIMITED) | (upper >= UNLIMITED)
         return np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
 
+    def postures(self, count: int) -> np.ndarray:
+        """The zero posture and random ones within the limits, the same at each call [rad or m], shape (count, n).
+
+        Joints without limits are within a turn.
+        """
+        low, high = np.clip(self.position_limits(), -np.pi, np.pi)
+        share = np.random.default_rng(0).uniform(size=(count - 1, self.n_joints))
+        return np.vstack([np.zeros(self.n_joints), low + share * (high - low)])
+
     def velocity_limits(self) -> np.ndarray:
         """Velocity limits of the file [rad/s], shape (n,); 0 if there are none."""
         return _finite(self.model.velocityLimit[self.places])

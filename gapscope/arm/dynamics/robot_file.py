@@ -386,10 +386,6 @@ def silent_limits(description: Description, joints: Collection[str]) -> list[str
 # Joints of a robot file beside the arm's: where they are locked, and those that follow a joint of the arm.
 
 
-NAMED = 6
-"""Joints that a note names; the others are counted."""
-
-
 def lock(
     tree: Description, joints: Sequence[str], given: Mapping[str, float]
 ) -> tuple[dict[str, float], np.ndarray, list[str]]:
@@ -512,13 +508,13 @@ def _notes(
     notes = []
     if silent:
         notes.append(
-            f"{tree.file}: locked at zero: {shortened(silent, NAMED)}; if one stood elsewhere, say so in locked: of "
+            f"{tree.file}: locked at zero: {shortened(silent)}; if one stood elsewhere, say so in locked: of "
             "the case"
         )
     if fixed:
         notes.append(
             f"{tree.file}: fixed as the file draws it, for it has several degrees of freedom: "
-            f"{shortened(fixed, NAMED)}"
+            f"{shortened(fixed)}"
         )
     return notes
 

@@ -217,9 +217,6 @@ def recording_of_columns(
     return load_recording(Log(table.path, "columns", (table,)), arm, any_unit=True)
 
 
-MIN_OVERLAP = 0.5
-"""Share of the motion that a topic must cover to be joined although nobody named it [1]."""
-
 _KINDS = [layout.kind for layout in LAYOUTS if layout.kind]
 
 Held = list[tuple[Table, dict[str, Channel]]]
@@ -421,10 +418,10 @@ class _Reader:
             return "it is not finite throughout"
         t, stamps = main.columns[time], table.columns[time]
         # a table that covers a part of the motion would cut the recording to it
-        covered = np.mean((t >= stamps[0]) & (t <= stamps[-1]))
-        return (
-            "" if covered >= MIN_OVERLAP else f"it covers {covered:.0%} of the motion"
-        )
+        inside = (t >= stamps[0]) & (t <= stamps[-1])
+        if 2 * inside.sum() >= len(t):
+            return ""
+        return f"it covers {inside.mean():.0%} of the motion"
 
     def _columns(self, table: Table, name: str, channel: Channel) -> Channel | None:
         """The channel with its columns in a table, or ``None`` if the table has nothing of it.

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-import pinocchio as pin
 
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.description import (
@@ -23,7 +22,7 @@ from gapscope.arm.dynamics.inertials import (
     set_parameters,
 )
 from gapscope.arm.dynamics.link_shapes import PlacedShape
-from gapscope.arm.dynamics.plain_urdf import exact_urdf, numbers, set_origin
+from gapscope.arm.dynamics.plain_urdf import Place, exact_urdf, numbers, set_origin
 from gapscope.arm.dynamics.robot_file import joint_motion
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
@@ -215,7 +214,7 @@ def _shift_zeros(root: ET.Element, arm: PlainArm, described: Description) -> Non
                 element.set(name, repr(float(limit) + zero))
 
 
-def _turn_base(root: ET.Element, mount: pin.SE3) -> None:
+def _turn_base(root: ET.Element, mount: Place) -> None:
     """A fixed joint between a new root link and the base."""
     links = [x.get("name", "") for x in root.findall("link")]
     joints = root.findall("joint")
@@ -521,7 +520,6 @@ def as_sdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, ..
         places=places,
         tensors=tensors,
         level=np.eye(3),
-        at=lambda centre: pin.SE3(np.eye(3), np.array(centre)),
         mesh_path=lambda mesh: mesh_path(mesh, out, relative),
     )
     merged = [f.name for f in arm.frames.values() if f.name != arm.body_name(f.joint)]

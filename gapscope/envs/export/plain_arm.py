@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import jinja2
 import numpy as np
 import pandas as pd
-import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.description import turn_of_z
@@ -29,6 +28,8 @@ from gapscope.arm.dynamics.link_shapes import (
 )
 from gapscope.arm.dynamics.plain_urdf import (
     Link,
+    Place,
+    angles,
     check_inertia,
     link_name,
     moving_links,
@@ -145,7 +146,7 @@ class PlainArm(NamedTuple):
     body: RigidBody
     links: tuple[Link, ...]
     drives: pd.DataFrame
-    mount: pin.SE3
+    mount: Place
     gravity: float
     frames: dict[str, Frame]
     shapes: tuple[PlacedShape, ...]
@@ -204,7 +205,7 @@ def plain_arm(corrected: CorrectedArm) -> PlainArm:
         body,
         links,
         drives,
-        pin.SE3(mount, np.zeros(3)),
+        Place(mount, np.zeros(3)),
         float(np.linalg.norm(gravity)),
         read_frames(body),
         shapes,
@@ -289,9 +290,7 @@ def _templates() -> jinja2.Environment:
         "exact": lambda value: repr(float(value)),
         "numbers": numbers,
         # position [m] and roll, pitch, yaw [rad]
-        "pose": lambda place: numbers(
-            np.r_[place.translation, pin.rpy.matrixToRpy(place.rotation)]
-        ),
+        "pose": lambda place: numbers(np.r_[place.translation, angles(place)]),
         # MuJoCo writes the real part first
         "quaternion": lambda turn: numbers(
             np.roll(Rotation.from_matrix(turn).as_quat(), 1)

@@ -44,7 +44,9 @@ LIMITS = Limits(
 
 def _motion(seed: int = 0, **options: object) -> Fourier:
     return Fourier.random(
-        np.random.default_rng(seed), LIMITS, **({"duration": 12.0} | options)
+        np.random.default_rng(seed),
+        LIMITS,
+        **({"duration": 12.0, "frequency": 0.1} | options),
     )
 
 

@@ -22,8 +22,6 @@ from gapscope.arm.io.table import Table, is_number, numbered
 
 
 _DELIMITERS = (",", ";", "\t")
-FEWEST_COUNTED = 4
-"""So many whole numbers in a row, from 0 or 1, are the header of a table without names [1]; fewer may be samples."""
 
 
 def read_csv(path: Path) -> Table:
@@ -168,8 +166,7 @@ def _names(first: list[str], path: Path) -> tuple[list[str], int]:
         raise InputError("is empty", "give a file with a header and samples", file=path)
     numbered = [str(j + 1) for j in range(len(names))]
     # 0 1 2 3 .. or 1 2 3 4 ..: written by a program that had no names
-    counted = names in (numbered, [str(j) for j in range(len(names))])
-    if counted and len(names) >= FEWEST_COUNTED:
+    if names in (numbered, [str(j) for j in range(len(names))]):
         return numbered, 2
     # a number with a point is a sample: no header has one
     if any("." in name and is_number(name) for name in names) or all(
