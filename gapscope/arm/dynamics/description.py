@@ -1014,10 +1014,9 @@ class _MjcfReader(_Reader):
             # w x y z of MJCF, x y z w of SciPy
             turn = Rotation.from_quat(np.roll(given, -1)).as_matrix()
         elif key == "euler":
-            # axes in lower case turn with the body, in upper case they stay
-            for letter, angle in zip(self._euler, given * self._angle, strict=True):
-                one = Rotation.from_euler(letter.lower(), angle).as_matrix()
-                turn = turn @ one if letter.islower() else one @ turn
+            # axes in lower case turn with the body, in upper case they stay: SciPy has it the other way round
+            angles, axes = given * self._angle, self._euler.swapcase()
+            turn = Rotation.from_euler(axes, angles).as_matrix()
         elif key == "axisangle":
             turn = exp3(_unit(given[:3]) * given[3] * self._angle)
         elif key == "xyaxes":

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import find_objects, label
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import MOST
@@ -230,9 +231,7 @@ def numbered(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def runs(mask: np.ndarray) -> list[slice]:
     """Each run of true values, one after the other, of a mask (N,)."""
-    # an edge before each run and after it
-    edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
-    return [slice(*ends) for ends in edges.reshape(-1, 2).tolist()]
+    return [rows for (rows,) in find_objects(label(mask)[0])]
 
 
 def shortened(names: Sequence[str], limit: int = 40) -> str:
