@@ -948,8 +948,7 @@ class _MjcfReader(_Reader):
             self.several(element, "pos", ZERO, place),
             not given,
             self._mimics.get(name),
-            float(limits[0]) if given else None,
-            float(limits[1]) if given else None,
+            *(limits.tolist() if given else (None, None)),
             # a limit of zero stands for none
             limit if 0 < limit < np.inf else None,
             None,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import UNLIMITED, listed
@@ -248,17 +249,8 @@ def _add_place(element: ET.Element, place: pin.SE3) -> None:
 
 
 def quaternion(place: pin.SE3) -> np.ndarray:
-    """Orientation (w, x, y, z) [1] of a place, shape (4,), by half angles.
+    """Orientation (w, x, y, z) [1] of a place, shape (4,).
 
     ``pin.Quaternion`` of pinocchio 4.1 loses 80 bytes each time, which scattered over the heap cost 10 kB per arm.
     """
-    half = 0.5 * angles(place)
-    (sr, sp, sy), (cr, cp, cy) = np.sin(half), np.cos(half)
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
+    return np.roll(Rotation.from_matrix(place.rotation).as_quat(), 1)

@@ -261,9 +261,7 @@ def roll_outs(
     if starts is not None:
         start, start_speed = np.array(starts).swapaxes(0, 1)
     velocity = VelocityFilter(
-        controller.rate,
-        controller.velocity_cutoff,
-        controller.velocity_damping,
+        *controller.estimate,
         start,
         start_speed,
         rule,
