@@ -26,8 +26,6 @@ from gapscope.arm.motions.named_motions import (
 from gapscope.arm.motions.trajectory import (
     Fourier,
     Limits,
-    backwards,
-    chain,
     fastest,
     point_to_point,
     read_sampled,
@@ -59,14 +57,6 @@ def test_limits_hold_and_one_is_met(seed: int, frequency: float) -> None:
     use = [np.abs(q - motion.centre).max(0) / room, np.abs(dq).max(0) / LIMITS.velocity]
     use.append(np.abs(ddq).max(0) / LIMITS.acceleration)
     np.testing.assert_allclose(np.max(use, axis=0), 1.0, atol=1e-9)
-
-
-def test_starts_and_ends_at_rest_in_the_centre() -> None:
-    motion = _motion(centre=np.array([0.5, 0.1]))
-    for t in (np.array([-1.0, 0.0]), np.array([12.0, 13.0])):
-        np.testing.assert_allclose(motion.position(t), [[0.5, 0.1]] * 2, atol=1e-12)
-        np.testing.assert_allclose(motion.velocity(t), 0, atol=1e-12)
-        np.testing.assert_allclose(motion.acceleration(t), 0, atol=1e-9)
 
 
 # A reference motion through samples of a file.
@@ -201,16 +191,6 @@ def test_tool_jacobian_agrees_with_finite_differences(space: Workspace) -> None:
         np.testing.assert_allclose(about, column[3:], atol=1e-5)
 
 
-def test_quintic_by_hand() -> None:
-    """From 0 to 2 rad in 4 s: 1 rad at half time, there 15/8 * 2/4 rad/s; 16 s(1/4) = 53/32."""
-    motion = point_to_point(np.zeros(1), np.full(1, 2.0), 4.0)
-    t, speed = np.array([-1.0, 0.0, 1.0, 2.0, 4.0, 9.0]), 2 / 4 * 135 / 128
-    q, dq, ddq = (f(t)[:, 0] for f in (motion.position, motion.velocity, motion.acceleration))  # fmt: skip
-    np.testing.assert_allclose(q, [0, 0, 2 * 53 / 512, 1, 2, 2], atol=1e-14)
-    np.testing.assert_allclose(dq, [0, 0, speed, 0.9375, 0, 0], atol=1e-14)
-    np.testing.assert_allclose(ddq[[0, 1, 3, 4, 5]], 0, atol=1e-14)
-
-
 def test_fastest_point_to_point_meets_a_limit() -> None:
     sides, most = np.full(2, 3.0), np.array([2.0, 50.0])
     limits = Limits(-sides, sides, np.ones(2), most)
@@ -218,15 +198,6 @@ def test_fastest_point_to_point_meets_a_limit() -> None:
     t = np.linspace(0, motion.duration, 4001)
     use = np.abs([motion.velocity(t), motion.acceleration(t) / most])
     assert use.max() == pytest.approx(1.0, abs=1e-6)
-
-
-def test_chain_is_continuous_and_backwards_is_backwards() -> None:
-    out = point_to_point(np.zeros(2), np.ones(2), 1.0)
-    both = chain((out, backwards(out)))
-    t = np.linspace(0, 2, 201)
-    assert both.duration == 2.0
-    np.testing.assert_allclose(both.position(t), both.position(2 - t), atol=1e-12)
-    np.testing.assert_allclose(both.velocity(t), -both.velocity(2 - t), atol=1e-12)
 
 
 def test_bad_requests_are_refused_with_what_to_do(space: Workspace) -> None:
