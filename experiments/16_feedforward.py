@@ -319,9 +319,9 @@ def agent_cell(
         "model": model,
         "agent": agent,
         "seed": seed,
-        "steps": trained.curve[-1].steps,
-        "kept": trained.curve[trained.best].steps,
-        "curve": [point.plain() for point in trained.curve],
+        "steps": trained.curve[-1]["steps"],
+        "kept": trained.curve[trained.best]["steps"],
+        "curve": plain(trained.curve, null_if_not_finite=True),
         "untrained": tried(task, settings, None),
         "trained": tried(task, settings, trained.policy),
     }
@@ -337,7 +337,8 @@ def tried(
     scores = episodes(env, policy or idle(env), motions)
     env.close()
     names = [name for name, _ in motions]
-    return [{"motion": n, **s.plain()} for n, s in zip(names, scores, strict=True)]
+    found: list[dict[str, Any]] = plain(scores, null_if_not_finite=True)
+    return [{"motion": n, **s} for n, s in zip(names, found, strict=True)]
 
 
 def agent_file(model: str, agent: str, seed: int, out: Path) -> Path:

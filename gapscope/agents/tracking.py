@@ -365,7 +365,7 @@ class TrackingMetrics:
         # the tool by the kinematics, once per action
         tool = self._kinematics.tool
         wanted, reached = (
-            np.array([tool(q).position for q in series[::every]])
+            np.array([tool(q).translation for q in series[::every]])
             for series in (track.q_ref, track.q)
         )
         return Measures(

@@ -370,20 +370,19 @@ def _recordings(
 
     def files_of_part(part: Part) -> list[Path]:
         """A file, or files side by side."""
-        entry = part.entry
+        entry, _ = part
         return [entry] if isinstance(entry, Path) else list(entry.values())
 
     def read(part: Part) -> Recording:
         """One recording, with the known body that was mounted."""
-        entry, files = part.entry, files_of_part(part)
+        (entry, chosen), files = part, files_of_part(part)
         # of files side by side any may be the one that the load is named with
         loads = [payloads.get(real_path(file)) for file in files]
         recording = load_recording(
             entry,
             arm,
             importing,
-            rows=part.rows,
-            episode=part.episode,
+            **chosen,
             complete=True,
             any_unit=any_unit,
             payload=next(filter(None, loads), None),

@@ -119,6 +119,11 @@ class Controller(ABC):
     velocity_damping: float = 0.9
     integrator: Integrator | None = None
 
+    @property
+    def estimate(self) -> tuple[float, float | None, float]:
+        """Rate [Hz], cut-off [Hz] and damping [1] of its velocity filter."""
+        return self.rate, self.velocity_cutoff, self.velocity_damping
+
     @abstractmethod
     def proportional(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """Feedback without memory: torque [N m], or acceleration [rad/s^2] if it goes through the model.

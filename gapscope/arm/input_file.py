@@ -12,6 +12,7 @@ import stat
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from io import DEFAULT_BUFFER_SIZE
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,6 @@ from scipy.constants import giga, mega
 
 from gapscope.arm.errors import LONGEST_SHOWN, InputError
 
-PIECE = 2**20
-"""Bytes that are read at a time of a file of any size."""
 LARGEST_DOCUMENT = 50 * mega
 """Size of the largest YAML, JSON, URDF or MJCF file that is read [bytes]; those of any arm have less than a tenth."""
 LARGEST_IN_MEMORY = 2 * giga
@@ -127,7 +126,7 @@ def digest_of(path: Path, remedy: str) -> bytes:
     try:
         with path.open("rb") as file:
             # a dataset of any size is hashed with the memory of one piece
-            while piece := file.read(PIECE):
+            while piece := file.read(DEFAULT_BUFFER_SIZE):
                 digest.update(piece)
     except OSError as error:
         raise InputError(

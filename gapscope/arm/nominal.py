@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.constants import g
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import per_radian
@@ -15,19 +16,22 @@ from gapscope.arm.joint_units import per_radian
 # The one check on numbers that no arm can have, whatever its unit: a description or data sheet is wrong there.
 
 
+LENGTH, MASS = 100.0, 1e4
+"""The longest arms, on cranes and space stations, have 20 to 80 m; the heaviest industrial ones 12 t [m], [kg]."""
+MARGIN = 100.0
+"""What exceeds the largest arms by this factor is no unusual arm [1]."""
 LARGEST = {
-    "length": (1e4, "m"),
-    "mass": (1e6, "kg"),
-    "moment of inertia": (1e9, "kg m^2"),
-    "gravity": (1e3, "m/s^2"),
-    "armature": (1e7, "kg m^2"),
-    "friction": (1e7, "N m"),
-    "viscous friction": (1e8, "N m s/rad"),
+    "length": (MARGIN * LENGTH, "m"),
+    "mass": (MARGIN * MASS, "kg"),
+    "moment of inertia": (MARGIN * MASS * LENGTH**2, "kg m^2"),
+    "gravity": (MARGIN * g, "m/s^2"),
+    "armature": (MARGIN * MASS * LENGTH**2, "kg m^2"),
+    "friction": (MARGIN * MASS * g * LENGTH, "N m"),
+    "viscous friction": (MARGIN * MASS * g * LENGTH, "N m s/rad"),
 }
 """Largest size of a quantity, and its unit; of sliding joints the unit with m, N and kg.
 
-The longest arms, on cranes and space stations, have 20 to 80 m; the heaviest industrial ones 12 t; dry friction and
-holding torque reach some 1e5 N m. The bounds lie a hundred times above, so that what exceeds them is no unusual arm.
+No inertia exceeds that of the mass at the length; no friction, at 1 rad/s if it is viscous, what the mass weighs there.
 """
 
 
@@ -49,7 +53,7 @@ def check_size(
     sizes = np.abs(np.atleast_1d(np.asarray(values, dtype=float)))
     if sizes.size and sizes.max() > largest:
         raise InputError(
-            f"a {quantity} of {sizes.max():.3g} {unit} is beyond any arm's ({largest:g} {unit})",
+            f"a {quantity} of {sizes.max():.3g} {unit} is beyond any arm's ({largest:.3g} {unit})",
             "correct it; SI units are expected: kg, m, s, rad, N m",
             file=file,
             where=where,

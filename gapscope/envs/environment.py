@@ -161,35 +161,6 @@ EXTENSION = 0.25
 """A model is evaluated this far beyond the end, for delays to look ahead [s]."""
 
 
-class Timing:
-    """Time of an episode.
-
-    Attributes:
-        dt: step of the simulation [s].
-        sub_steps: steps per action.
-        actions: actions per episode.
-        look_ahead: times ahead at which the reference is observed [s].
-    """
-
-    def __init__(
-        self, dt: float, sub_steps: int, duration: float, look_ahead: Sequence[float]
-    ) -> None:
-        self.dt, self.sub_steps = dt, sub_steps
-        # a duration of whole periods, but for rounding, gets no further action
-        self.actions = max(1, int(np.ceil(duration / self.period - 1e-9)))
-        self.look_ahead = tuple(look_ahead)
-
-    @property
-    def period(self) -> float:
-        """Time between actions [s]."""
-        return self.dt * self.sub_steps
-
-    @property
-    def duration(self) -> float:
-        """Duration of an episode, a whole number of periods [s]."""
-        return self.period * self.actions
-
-
 class SampledReference:
     """Reference and feedforward of one episode, K actions of S steps, n joints.
 
@@ -207,18 +178,18 @@ class SampledReference:
     """
 
     def __init__(self, setup: Setup, reference: ReferenceMotion) -> None:
-        model, timing = setup.feedforward, setup.timing
-        steps = timing.actions * timing.sub_steps + 1
+        model = setup.feedforward
+        steps = setup.actions * setup.sub_steps + 1
         # feedforward by name looks at one state, and at nothing beyond the end
-        more = 0 if isinstance(model, str) else round(EXTENSION / timing.dt)
-        t = timing.dt * np.arange(steps + more)
+        more = 0 if isinstance(model, str) else round(EXTENSION / setup.dt)
+        t = setup.dt * np.arange(steps + more)
         self.motion = motion = Motion(
             t, reference.position(t), reference.velocity(t), reference.acceleration(t)
         )
-        chosen = slice(0, steps, timing.sub_steps)
+        chosen = slice(0, steps, setup.sub_steps)
         t, self.q, dq = motion.t[chosen], motion.q[chosen], motion.dq[chosen]
         # relative to the reference now, as the error is relative to it
-        ahead = [reference.position(t + time) - self.q for time in timing.look_ahead]
+        ahead = [reference.position(t + time) - self.q for time in setup.look_ahead]
         self.dq = dq[0]
         if isinstance(model, str):
             states = motion.q, motion.dq, motion.ddq
@@ -229,7 +200,7 @@ class SampledReference:
         row = [self.q, dq, *ahead, torque[chosen] / setup.control.rated]
         self.planned = np.pad(np.hstack(row), ((0, 1), (0, 0)), "edge")
         series = np.stack([motion.q[:steps], torque])
-        waiting = ((0, 0), (0, timing.sub_steps), (0, 0))
+        waiting = ((0, 0), (0, setup.sub_steps), (0, 0))
         self.steps = np.pad(series, waiting, "edge")
 
 
@@ -316,7 +287,10 @@ class Setup(NamedTuple):
         encoder_noise: standard deviation [rad], shape (n,).
         space: in which motions are drawn.
         control: how actions become torque.
-        timing: of an episode.
+        dt: step of the simulation [s].
+        sub_steps: steps per action.
+        actions: actions per episode.
+        look_ahead: times ahead at which the reference is observed [s].
         feedforward: a kind of feedforward, or a model.
         options: what an episode is made from if ``reset`` says nothing else.
         reward: of an action.
@@ -332,13 +306,21 @@ class Setup(NamedTuple):
     encoder_noise: np.ndarray
     space: Workspace
     control: Control
-    timing: Timing
+    dt: float
+    sub_steps: int
+    actions: int
+    look_ahead: tuple[float, ...]
     feedforward: str | FeedforwardModel
     options: EpisodeOptions
     reward: Reward
     layout: Layout
     stops: tuple[np.ndarray, np.ndarray]
     debug: bool
+
+    @property
+    def period(self) -> float:
+        """Time between actions [s]."""
+        return self.dt * self.sub_steps
 
     def draw(
         self, options: Mapping[str, Any], seeds: np.ndarray
@@ -367,7 +349,8 @@ class Setup(NamedTuple):
             effects = (*effects, *drawn)
         if isinstance(motion, str):
             rng = np.random.default_rng(seeds[0])
-            motion = draw_motion(motion, rng, self.space, self.timing.duration)
+            duration = self.period * self.actions
+            motion = draw_motion(motion, rng, self.space, duration)
         return SampledReference(self, motion), effects
 
 
@@ -403,7 +386,7 @@ def divergence_info(
         effects: of the episode.
         acted: whether one of its actions was other than zero.
     """
-    arm, control, dt = setup.arm, setup.control, setup.timing.dt
+    arm, control, dt = setup.arm, setup.control, setup.dt
     joint, time = fastest(dq), float(steps * dt)
     causes: list[str] = []
     gains = control.gains
@@ -549,14 +532,14 @@ class Episodes:
         together: bool = False,
         threads: int = 0,
     ) -> None:
-        self.setup, self._control, self._timing = setup, setup.control, setup.timing
+        self.setup, self._control = setup, setup.control
         nominal = nominal_body(setup.base.arm)
         self._each = count if together else 1
         self._simulators = [
             SimulatedArm(
                 setup.base.arm,
                 setup.options.effects,
-                setup.timing.dt,
+                setup.dt,
                 self._each,
                 engine=engine,
                 # encoders are those of the robot, whatever arm is simulated in its place
@@ -569,11 +552,11 @@ class Episodes:
         ]
         self._networks: dict[int, NetworkTorque] = {}
         # steps between readings of the encoders: as many as fit, and divide those of an action
-        self._chunk, parts = 1, setup.timing.sub_steps
+        self._chunk, parts = 1, setup.sub_steps
         if setup.control.gains is None:
-            fits = max(1, int(SENSOR_PERIOD / setup.timing.dt + 1e-9))
+            fits = max(1, int(SENSOR_PERIOD / setup.dt + 1e-9))
             self._chunk = max(x for x in range(1, fits + 1) if parts % x == 0)
-        rate = 1.0 / (setup.timing.dt * self._chunk)
+        rate = 1.0 / (setup.dt * self._chunk)
         shape = (count, setup.arm.n_joints)
         self._estimate = VelocityFilters(rate, shape)
         self.at: np.ndarray = np.zeros(count, dtype=int)
@@ -598,7 +581,7 @@ class Episodes:
         )
         self._lowest = -self._limit
         self._error, self._work = np.zeros((2, self._limit.size))
-        self._series = np.zeros((2, count, setup.timing.sub_steps, shape[1]))
+        self._series = np.zeros((2, count, setup.sub_steps, shape[1]))
         self.action: np.ndarray = np.zeros((count, setup.control.size))
         self._acted = np.zeros(count, dtype=bool)
         # of the shape of the positions: numpy takes longer for what it must spread
@@ -661,7 +644,7 @@ class Episodes:
         if self.setup.base.residual is not None:
             # what a network is told of the load depends on the effects of this episode
             having = replace(self.setup.base, effects=effects)
-            steps = self._timing.sub_steps
+            steps = self.setup.sub_steps
             self._networks[number] = NetworkTorque(having, course.motion, steps)
         self.action[number], self._acted[number] = 0.0, False
         return course
@@ -688,7 +671,7 @@ class Episodes:
                 "limit": f"joint {joint + 1} ({name}) came to its stop; its encoder reads {read}"
             }
         # the course has gone on already: it was the action before
-        before = int(self.at[number] - 1) * self._timing.sub_steps
+        before = int(self.at[number] - 1) * self.setup.sub_steps
         until = before + self.diverged[number][0]
         state = reading, self.dq[number]
         hidden = self.effects[number]
@@ -763,7 +746,7 @@ class Episodes:
 
     def _command(self, action: np.ndarray) -> np.ndarray:
         """Hold the torque of each action; that of each step [N m], (S, N, n)."""
-        steps, shape = self._timing.sub_steps, self.position.shape
+        steps, shape = self.setup.sub_steps, self.position.shape
         torque = self._scale * action
         commanded = torque.ravel()
         maximum(commanded, self._lowest, commanded)
@@ -780,7 +763,7 @@ class Episodes:
         control, gains = self._control, self._gains
         assert control.gains is not None and gains is not None
         # of each arm, which is at an action of its own, the steps of this action and the first after it
-        steps = self._timing.sub_steps
+        steps = self.setup.sub_steps
         both = np.empty((2, steps + 1, *self.position.shape))
         for number, at in enumerate(self.at.tolist()):
             rows = slice(at * steps, at * steps + steps + 1)
@@ -827,7 +810,7 @@ class Episodes:
         if self._networks:
             felt = torque.copy()
             for number, network in self._networks.items():
-                step = self.at[number] * self._timing.sub_steps + done
+                step = self.at[number] * self.setup.sub_steps + done
                 # felt by the arm: what was commanded is observed and rewarded
                 felt.reshape(shape)[number] -= network.torque(step)
         only = simulators[0] if len(simulators) == 1 else None
@@ -881,7 +864,7 @@ class Episodes:
             count[number] = len(parts[0])
             squares[number], changes[number] = np.vecdot(parts, parts)
         self.load = squares / count
-        self.torque_rate = np.sqrt(changes / count) / self._timing.dt
+        self.torque_rate = np.sqrt(changes / count) / self.setup.dt
 
 
 # One environment, and N of them in a process.
@@ -983,7 +966,9 @@ class ArmTracking(gymnasium.Env):
             "action_reach": action_reach,
         }
         arguments.check_values(numbers, "environment", "environment")
-        timing = Timing(time_step, sub_steps, episode_length, look_ahead)
+        period = time_step * sub_steps
+        # a duration of whole periods, but for rounding, gets no further action
+        actions = max(1, int(np.ceil(episode_length / period - 1e-9)))
         about = None if posture is None else arguments.numbers_of("posture", posture)
         allowed = arguments.checked_limits(limits, n)
         self.space = workspace(self.body, allowed, about)
@@ -993,7 +978,7 @@ class ArmTracking(gymnasium.Env):
         # an arm instead of the nominal one brings its own effects
         given = base.effects if simulated else chosen_effects(effects, self.arm)
         lower, upper = self.body.position_limits()
-        self.layout = Layout(n, timing.look_ahead, own_control.size)
+        self.layout = Layout(n, look_ahead, own_control.size)
         self.setup = Setup(
             arm=self.arm,
             body=self.body,
@@ -1002,7 +987,10 @@ class ArmTracking(gymnasium.Env):
             encoder_noise=arguments.noise("encoder_noise", encoder_noise, n),
             space=self.space,
             control=own_control,
-            timing=timing,
+            dt=time_step,
+            sub_steps=sub_steps,
+            actions=actions,
+            look_ahead=tuple(look_ahead),
             feedforward=chosen_model,
             options=EpisodeOptions(chosen_motion, given, chosen_randomisation),
             reward=arguments.record_of(
@@ -1018,7 +1006,7 @@ class ArmTracking(gymnasium.Env):
         self._course: SampledReference | None = None
         self.observation_space = self.layout.space
         self.action_space = Box(-1.0, 1.0, (own_control.size,), dtype=np.float32)
-        fps = max(1, round(1 / timing.period))
+        fps = max(1, round(1 / period))
         self.render_mode = render_mode
         self.metadata = self.metadata | {"render_fps": fps}
         self._screen: Screen | None = None
@@ -1026,7 +1014,7 @@ class ArmTracking(gymnasium.Env):
             # pictures alone wait for matplotlib
             from gapscope.envs.rendering import Screen
 
-            self._screen = Screen(self.space.kinematics, render_mode, timing.period)
+            self._screen = Screen(self.space.kinematics, render_mode, period)
 
     @property
     def torque_scale(self) -> np.ndarray:
@@ -1077,7 +1065,7 @@ class ArmTracking(gymnasium.Env):
         info: dict[str, Any] = {name: float(x[0]) for name, x in values.items()}
         info |= early.get(0, {}) | episodes.truth(0)
         terminated = bool(early)
-        truncated = bool(episodes.at[0] >= self.setup.timing.actions)
+        truncated = bool(episodes.at[0] >= self.setup.actions)
         self._show(errors[0], info)
         # Gymnasium asks for a reset before the next step
         if terminated or truncated:
@@ -1239,7 +1227,7 @@ class VectorArmTracking(VectorEnv):
         early = {i: why for i, why in early.items() if not waiting[i]}
         terminated = np.zeros(self.num_envs, dtype=bool)
         terminated[list(early)] = True
-        truncated = (episodes.at >= self.setup.timing.actions) & ~waiting
+        truncated = (episodes.at >= self.setup.actions) & ~waiting
         ended = terminated | truncated
         # those that are reset in this step; their info is that of the new episode
         now = ended if self._mode == AutoresetMode.SAME_STEP else waiting

@@ -117,9 +117,7 @@ def record(
     # the arm itself is unknown to its controller, which believes the nominal one
     control = ControlLoop(controller, arm)
     filtered = VelocityFilter(
-        controller.rate,
-        controller.velocity_cutoff,
-        controller.velocity_damping,
+        *controller.estimate,
         targets.q[0],
         targets.dq[0],
     )
@@ -187,9 +185,7 @@ def _diverged(
         time: since the start of the recording [s].
     """
     joint, causes = fastest(speed), []
-    estimate = filter_gains(
-        controller.rate, controller.velocity_cutoff, controller.velocity_damping
-    )
+    estimate = filter_gains(*controller.estimate)
     loop = SampledLoop(controller, 1.0 / controller.rate, estimate)
     # first without effects: gains that even the nominal arm does not bear are enough
     share = _stable_share(loop, CorrectedArm(arm), postures)

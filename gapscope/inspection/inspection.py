@@ -584,7 +584,7 @@ def told_load(table: InspectedTable, arm: NominalArm) -> tuple[KnownLoad, str] |
             meant = frame.name.endswith(tuple(place["frames"]))
             if meant and frame.joint == arm.joints[-1]:
                 # from the link that the log means into the frame of the last joint
-                centre = frame.position + frame.rotation @ centre
+                centre = frame.place.act(centre)
                 where = f"the frame of {frame.name}"
                 break
         x, y, z = (round(float(value), 6) for value in centre)

@@ -418,12 +418,11 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
     names = [link.joint for link in links]
     joints = []
     for link in links:
-        xyz, rpy = link.origin
-        turn = Rotation.from_euler("xyz", rpy).as_quat()
+        turn = Rotation.from_matrix(link.origin.rotation).as_quat()
         joints.append(
             {
                 "parent": names.index(link.parent) if link.parent else -1,
-                "place": xyz.tolist(),
+                "place": link.origin.translation.tolist(),
                 "turn": turn.tolist(),
                 "axis": link.axis.tolist(),
                 "slides": link.kind == "prismatic",

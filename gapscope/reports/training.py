@@ -63,16 +63,16 @@ def write_page(task: Task, trained: Trained, path: Path) -> None:
 def _figure(trained: Trained) -> Figure:
     """Joint error and reward over steps, each on both arms; gaps if an arm was not tracked to the end."""
     figure = subplots(1, 2, subplot_titles=("joint error [mrad]", "reward per action"))
-    best = trained.curve[trained.best].steps
+    best = trained.curve[trained.best]["steps"]
     for (arm, name), colour in zip(ARMS.items(), COLOURS, strict=False):
         # without hidden effects there is one arm only
-        points = [point for point in trained.curve if getattr(point, arm) is not None]
+        points = [point for point in trained.curve if point[arm] is not None]
         # the agent that is kept is marked
-        sizes = [KEPT_MARKER if point.steps == best else MARKER for point in points]
+        sizes = [KEPT_MARKER if point["steps"] == best else MARKER for point in points]
         for column, (measure, factor) in enumerate(MEASURES.items(), 1):
-            scores = [getattr(getattr(point, arm), measure) for point in points]
+            scores = [point[arm][measure] for point in points]
             figure.add_scatter(
-                x=[point.steps for point in points],
+                x=[point["steps"] for point in points],
                 # where the arm diverged the line has a gap
                 y=[factor * score if isfinite(score) else None for score in scores],
                 mode="lines+markers",

@@ -52,16 +52,6 @@ def test_laws_by_hand(pendulum: NominalArm) -> None:
     assert inside == pytest.approx(0.5 + PD - 9.81 * np.cos(0.1))
 
 
-@pytest.mark.parametrize("limit", [1.0, 8.0])
-def test_torque_is_clipped(pendulum: NominalArm, limit: float) -> None:
-    model = ArmModel(CorrectedArm(pendulum))
-    for controller in (
-        Feedforward(TUNING.gains(np.ones(1)), np.array([limit]), model),
-        ComputedTorque(TUNING, np.array([limit]), model),
-    ):
-        assert _commanded(controller, far=9.0) == pytest.approx(limit)
-
-
 @pytest.mark.parametrize(
     "bad", [{"bandwidth": 0.0}, {"bandwidth": float("nan")}, {"damping": -1.0}]
 )

@@ -8,9 +8,6 @@ import pytest
 from gapscope.agents.evaluation import LAWS, EvaluationPlan, TrackingBench
 from gapscope.agents.models import ArmModel, Gravity
 from gapscope.agents.tracking import (
-    HIGHEST,
-    LOWEST,
-    RESOLUTION,
     Feedforward,
     Measures,
     SampledReference,
@@ -27,24 +24,6 @@ from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 
 DT = 1e-3
-
-
-@pytest.mark.parametrize("limit", [0.1, 0.7, 1.0, 1.3, 3.7, 40.0])
-def test_bisection_finds_a_limit(limit: float) -> None:
-    calls: list[float] = []
-
-    def stable(factor: float) -> bool:
-        calls.append(factor)
-        return factor <= limit
-
-    assert limit / (1 + RESOLUTION) <= largest_factor(stable) <= limit
-    assert len(calls) < 16
-
-
-def test_bisection_without_a_limit_or_without_anything_stable() -> None:
-    assert largest_factor(lambda factor: True) == HIGHEST
-    assert largest_factor(lambda factor: False) == 0.0
-    assert largest_factor(lambda factor: factor < 1.5 * LOWEST) >= LOWEST
 
 
 def course_to(goal: np.ndarray, duration: float) -> SampledReference:

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import folder_aside
 from gapscope.arm.io.locked_section import LOCK, locked
 from gapscope.cli import main
 
@@ -82,16 +81,3 @@ def test_a_folder_made_for_nothing_is_removed(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no"), locked(tmp_path / "new"):
         raise ValueError("no")
     assert not (tmp_path / "new").exists()
-
-
-def test_a_folder_aside_that_cannot_be_removed_raises_what_was_raised_in_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_: object, **__: object) -> None:
-        raise PermissionError(1, "Operation not permitted")
-
-    with pytest.raises(ValueError, match="first"), folder_aside(tmp_path / "case"):
-        monkeypatch.setattr(os, "rmdir", refuse)
-        raise ValueError("first")
-    (left,) = tmp_path.iterdir()
-    assert left.name.startswith(".case.")

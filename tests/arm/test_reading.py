@@ -37,27 +37,6 @@ def test_a_time_scale_divides_velocity_once_and_acceleration_twice() -> None:
     np.testing.assert_array_equal(ddq, RECORDED / 4)
 
 
-def test_the_second_reading_acts_on_the_result_of_the_first() -> None:
-    """Read with the offset, then with the joints exchanged and the first of them turned."""
-    turned = replace(SAME, factor=(-1.0, 1.0))
-    both = OFFSET.then(SWAPPED).then(turned)
-    np.testing.assert_allclose(
-        both(RECORDED, position=True), RECORDED[:, ::-1] * [-1, 1] - [0.5, 0.0]
-    )
-    np.testing.assert_array_equal(both(RECORDED), RECORDED[:, ::-1] * [-1, 1])
-
-
-def test_what_adds_up_and_what_multiplies() -> None:
-    one, other = reading(link_shift=1), reading(link_shift=-1, moved_only=True)
-    both = one.then(other).then(reading(time_factor=3.0))
-    assert (both.link_shift, both.moved_only, both.time_factor) == (0, True, 3.0)
-    assert both.equation_key != reading().equation_key
-    # a delay of 0.1 s by a clock that runs three times too fast
-    late = reading(torque_delay=0.1).then(reading(time_factor=3.0))
-    assert late.torque_delay == pytest.approx(0.3)
-    assert late.recorded_delay == pytest.approx(0.1)
-
-
 def test_a_composition_reads_as_its_parts_one_after_the_other() -> None:
     t = 0.01 * np.arange(200)
     q = np.column_stack([np.sin(t), t])

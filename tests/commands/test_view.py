@@ -74,4 +74,4 @@ def test_links_stand_where_kinematics_puts_the_tool():
     poses = link_poses(body, q)
     tool = Kinematics(body)
     for k in range(3):
-        np.testing.assert_allclose(poses.positions[k, -1], tool.tool(q[k]).position)
+        np.testing.assert_allclose(poses.positions[k, -1], tool.tool(q[k]).translation)

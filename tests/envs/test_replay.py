@@ -138,15 +138,6 @@ def test_filter_rule_shows_in_a_recorded_velocity(rate: float, rule: str) -> Non
     assert rule_of(Recording("r", t[::every], q[::every], dq=dq[::every]), law) == rule
 
 
-@pytest.mark.parametrize("rule", sorted(RULES))
-def test_filter_goes_on_from_its_first_value(rule: str) -> None:
-    first, steady = np.array([0.3]), np.array([1.0])
-    filtered = VelocityFilter(1000.0, 80.0, 0.9, np.zeros(1), steady, rule, first)
-    out = np.array([filtered(steady * k * 1e-3) for k in range(100)])
-    np.testing.assert_allclose(out[0], first)
-    np.testing.assert_allclose(out[-1], steady, rtol=1e-6)
-
-
 SAMPLES = [f"case00{i}" for i in (0, 1, 2, 3, 4, 5, 7)]
 
 

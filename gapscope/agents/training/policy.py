@@ -30,7 +30,13 @@ from gapscope.arm.input_file import (
     is_folder,
 )
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import field, read_json, schema_fault, write_json
+from gapscope.arm.io.json_file import (
+    field,
+    plain,
+    read_json,
+    schema_fault,
+    write_json,
+)
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import control
@@ -85,9 +91,9 @@ def write_agent(task: Task, trained: Trained, folder: Path) -> dict[str, Any]:
         "observation": layout,
         "actions": size,
         "settings": trained.settings.plain(),
-        "steps": trained.curve[-1].steps,
-        "untrained": trained.curve[0].plain(),
-        "last": trained.curve[-1].plain(),
+        "steps": trained.curve[-1]["steps"],
+        "untrained": trained.curve[0],
+        "last": trained.curve[-1],
         "reason": trained.reason,
         "stopped_early": trained.stopped,
         "versions": {
@@ -108,9 +114,10 @@ def _write(
         shutil.copyfile(weights, aside)
     trained.normalisation.write(folder / NORMALISATION)
     files = {name: sha256(folder / name) for name in (POLICY, NORMALISATION)}
-    whole = content | {"kept": trained.curve[place].plain(), "files": files}
-    write_json(whole, folder / DOCUMENT)
-    return whole
+    whole = content | {"kept": trained.curve[place], "files": files}
+    found: dict[str, Any] = plain(whole, null_if_not_finite=True)
+    write_json(found, folder / DOCUMENT)
+    return found
 
 
 def read_agent(folder: Path | str, arm: NominalArm) -> TrainedAgent:

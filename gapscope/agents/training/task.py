@@ -7,9 +7,10 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from gapscope.agents.evaluation import HELD_OUT, held_out_motion
 from gapscope.agents.models import ArmModel, Gravity, TorqueModel, read_arm
@@ -17,7 +18,6 @@ from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import read_arrays
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import Workspace, check_motion_name
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
@@ -274,34 +274,14 @@ Policy = Callable[[np.ndarray], np.ndarray]
 """Action of an observation as the environment gives it."""
 
 
-class AgentScore(NamedTuple):
-    """How an agent does on some motions, means over them.
+Score = dict[str, Any]
+"""How an agent does on some motions, means over them.
 
-    Attributes:
-        reward: per action; actions missing because an episode ended early count as 0 [1].
-        joint_error: RMS over actions and joints of reference minus encoders [rad]; infinite if an episode ended early.
-        torque_rate: RMS over steps and joints of the change of the torque commanded [N m/s]; likewise.
-        ended: episodes that ended early: the arm diverged, or came to its stop.
-        episodes: how many.
-    """
-
-    reward: float
-    joint_error: float
-    torque_rate: float
-    ended: int
-    episodes: int
-
-    def plain(self) -> dict[str, Any]:
-        """As JSON data; what is not finite is ``None``."""
-        return dict(plain(self._asdict(), null_if_not_finite=True))
-
-    @classmethod
-    def of(cls, content: dict[str, Any]) -> AgentScore:
-        """From JSON data."""
-        known: dict[str, Any] = {
-            name: inf if x is None else x for name, x in content.items()
-        }
-        return cls(**known)
+- ``reward``: per action; actions missing because an episode ended early count as 0 [1];
+- ``joint_error``: RMS over actions and joints of reference minus encoders [rad]; infinite if an episode ended early;
+- ``torque_rate``: RMS over steps and joints of the change of the torque commanded [N m/s]; likewise;
+- ``ended``: episodes that ended early: the arm diverged, or came to its stop; ``episodes``: how many.
+"""
 
 
 def held_out(
@@ -331,7 +311,7 @@ def episodes(
     env: VectorArmTracking,
     policy: Policy,
     motions: Sequence[tuple[str, ReferenceMotion]],
-) -> list[AgentScore]:
+) -> list[Score]:
     """A score for each motion; effects that the environment draws are the same at each call.
 
     Args:
@@ -342,7 +322,7 @@ def episodes(
     seeds = [HELD_OUT + number for number in range(len(motions))]
     each = [{"motion": motion} for _, motion in motions]
     observations, _ = env.reset(seed=seeds, options={"each": each})
-    count = env.setup.timing.actions
+    count = env.setup.actions
     # an action in which all episodes begin anew has no figures
     none = np.zeros(len(motions))
     rows, fallen, over = [], [], []
@@ -359,8 +339,9 @@ def episodes(
         rewards, errors, rates = series[:length, :, number].T
         early = bool(fallen[length - 1][number])
         size = [inf, inf] if early else rms(np.array([errors, rates]), 1).tolist()
-        earned = float(sum(rewards)) / count
-        scores.append(AgentScore(earned, size[0], size[1], int(early), 1))
+        score = {"reward": float(sum(rewards)) / count}
+        score |= {"joint_error": size[0], "torque_rate": size[1]}
+        scores.append(score | {"ended": int(early), "episodes": 1})
     return scores
 
 
@@ -368,13 +349,8 @@ def judge(
     env: VectorArmTracking,
     policy: Policy,
     motions: Sequence[tuple[str, ReferenceMotion]],
-) -> AgentScore:
+) -> Score:
     """The mean score over motions."""
-    scores = episodes(env, policy, motions)
-    return AgentScore(
-        reward=float(np.mean([score.reward for score in scores])),
-        joint_error=float(np.mean([score.joint_error for score in scores])),
-        torque_rate=float(np.mean([score.torque_rate for score in scores])),
-        ended=sum(score.ended for score in scores),
-        episodes=len(scores),
-    )
+    scores = pd.DataFrame(episodes(env, policy, motions))
+    counts = scores[["ended", "episodes"]].sum()
+    return {**scores.mean().to_dict(), **counts.to_dict()}

@@ -21,7 +21,6 @@ from gymnasium.wrappers import TransformObservation
 
 from gapscope.agents.training.task import (
     LARGEST,
-    AgentScore,
     Normalisation,
     Policy,
     Task,
@@ -32,7 +31,7 @@ from gapscope.agents.training.task import (
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write, folder_aside
-from gapscope.arm.io.json_file import read_json, to_json
+from gapscope.arm.io.json_file import plain, read_json, to_json
 from gapscope.diagnosis.prepare import Progress, silent
 
 # The algorithms of stable-baselines3: made, seeded, and their state as files without pickled code.
@@ -251,7 +250,8 @@ def written_checkpoint(
             shutil.rmtree(left)
         with folder_aside(place) as aside:
             yield aside
-            (aside / STATE).write_text(to_json(state), encoding="utf-8")
+            text = to_json(state, allow_nan=True)
+            (aside / STATE).write_text(text, encoding="utf-8")
             aside.replace(place)
         for older in folder.glob("round_*"):
             if older != place:
@@ -273,29 +273,9 @@ def read_checkpoint(folder: Path) -> tuple[Path, dict[str, Any]] | None:
     return None if newest is None else (newest, read_json(newest / STATE, _REMEDY))
 
 
-class Point(NamedTuple):
-    """Scores after some actions of training.
-
-    Attributes:
-        steps: actions, all environments together.
-        simulator: in the simulator that the agent is trained in.
-        hidden: on the arm with hidden effects, or ``None``.
-    """
-
-    steps: int
-    simulator: AgentScore
-    hidden: AgentScore | None
-
-    def plain(self) -> dict[str, Any]:
-        """As JSON data."""
-        hidden = self.hidden and self.hidden.plain()
-        return {**self._asdict(), "simulator": self.simulator.plain(), "hidden": hidden}
-
-    @classmethod
-    def of(cls, content: dict[str, Any]) -> Point:
-        """From plain data."""
-        hidden = content["hidden"] and AgentScore.of(content["hidden"])
-        return cls(content["steps"], AgentScore.of(content["simulator"]), hidden)
+Point = dict[str, Any]
+"""Scores after some actions of training: ``steps``, actions of all environments together; the score in the simulator
+that the agent is trained in, ``simulator``; and that on the arm with hidden effects, ``hidden``, or ``None``."""
 
 
 def write_curve(curve: Sequence[Point], path: Path) -> None:
@@ -303,9 +283,9 @@ def write_curve(curve: Sequence[Point], path: Path) -> None:
 
     Columns: steps, then with ``simulator_`` and ``hidden_`` reward [1], joint_error [rad], torque_rate [N m/s], ended.
     """
-    names = [name for name in AgentScore._fields if name != "episodes"]
+    names = [name for name in curve[0]["simulator"] if name != "episodes"]
     columns = [f"{part}_{name}" for part in ("simulator", "hidden") for name in names]
-    rows = pd.json_normalize([point.plain() for point in curve], sep="_")
+    rows = pd.json_normalize(plain(curve, null_if_not_finite=True), sep="_")
     with atomic_write(path) as aside:
         rows.reindex(columns=["steps", *columns]).to_csv(aside, index=False)
 
@@ -344,19 +324,20 @@ class Trained(NamedTuple):
     @property
     def reason(self) -> str:
         """Which agent is kept, and why, in a sentence."""
-        steps, total = self.curve[self.best].steps, self.curve[-1].steps
-        kept, untrained = (self.curve[k].simulator for k in (self.best, 0))
-        place = f"{kept.episodes} held-out motions in the simulator"
+        steps, total = (self.curve[k]["steps"] for k in (self.best, -1))
+        kept, untrained = (self.curve[k]["simulator"] for k in (self.best, 0))
+        place = f"{kept['episodes']} held-out motions in the simulator"
         if self.settings.randomise:
             place += ", each with effects drawn around the model"
         if self.best:
             return (
                 f"the agent after {steps} of {total} actions is kept: it earned most on {place}, "
-                f"{kept.reward:.3f} an action; untrained {untrained.reward:.3f}"
+                f"{kept['reward']:.3f} an action; untrained {untrained['reward']:.3f}"
             )
-        best = max((point.simulator.reward for point in self.curve[1:]), default=0.0)
+        others = (point["simulator"]["reward"] for point in self.curve[1:])
+        best = max(others, default=0.0)
         return (
-            f"the untrained agent, which is the model alone, is kept: on {place} it earned {kept.reward:.3f} an "
+            f"the untrained agent, which is the model alone, is kept: on {place} it earned {kept['reward']:.3f} an "
             f"action, and none of {len(self.curve) - 1} rounds more ({best:.3f})"
         )
 
@@ -472,19 +453,16 @@ class Training:
         tried = None
         if self._hidden is not None:
             tried = judge(self._hidden, policy, self._motions)
-        self._curve.append(Point(self._learner.num_timesteps, simulated, tried))
-        best = self._curve[self._best].simulator
-        if simulated.reward > best.reward + self._settings.improvement:
+        steps = self._learner.num_timesteps
+        self._curve.append({"steps": steps, "simulator": simulated, "hidden": tried})
+        reward, best = simulated["reward"], self._curve[self._best]["simulator"]
+        if reward > best["reward"] + self._settings.improvement:
             self._best = len(self._curve) - 1
-        shown = (
-            ""
-            if tried is None
-            else f"; on the hidden arm {1e3 * tried.joint_error:.3g}"
-        )
-        self._progress(
-            f"{self._learner.num_timesteps} of {self._settings.total} steps: reward "
-            f"{simulated.reward:.3f}, joint error {1e3 * simulated.joint_error:.3g} mrad{shown}"
-        )
+        said = f"{steps} of {self._settings.total} steps: reward {reward:.3f}, "
+        said += f"joint error {1e3 * simulated['joint_error']:.3g} mrad"
+        if tried is not None:
+            said += f"; on the hidden arm {1e3 * tried['joint_error']:.3g}"
+        self._progress(said)
 
     @property
     def _stopped(self) -> bool:
@@ -499,7 +477,7 @@ class Training:
             "steps": learner.num_timesteps,
             "updates": learner._n_updates,
             "best": self._best,
-            "curve": [point.plain() for point in self._curve],
+            "curve": self._curve,
             "settings": self._settings.same(),
         }
         with written_checkpoint(place, self._done, state) as aside:
@@ -511,14 +489,11 @@ class Training:
                 shutil.copyfile(before[0] / BEST, aside / BEST)
             if getattr(learner, "replay_buffer", None) is not None:
                 write_replay(learner, aside / REPLAY)
-        self._log(self._curve[-1].plain())
-
-    def _log(self, point: dict[str, Any]) -> None:
-        """Record the scores of a point beside the learner's own figures."""
-        logger = self._learner.logger
+        # the scores beside the learner's own figures
+        logger, point = learner.logger, self._curve[-1]
         for part in ("simulator", "hidden"):
             for name, value in (point[part] or {}).items():
-                if value is not None:
+                if math.isfinite(value):
                     logger.record(f"{part}/{name}", value)
         logger.dump(point["steps"])
 
@@ -541,7 +516,7 @@ class Training:
             read_replay(learner, place / REPLAY)
         learner.num_timesteps, learner._n_updates = state["steps"], state["updates"]
         self._done, self._best = state["rounds"], state["best"]
-        self._curve = [Point.of(content) for content in state["curve"]]
+        self._curve = state["curve"]
         self._progress(f"resumes after {state['steps']} steps")
 
     def _trained(self) -> Trained:
@@ -646,7 +621,7 @@ def tune(
         tried = _with(settings, suggested)
         trained = Training(without_hidden, tried, place).run()
         shutil.rmtree(place, ignore_errors=True)
-        reward = trained.curve[trained.best].simulator.reward
+        reward = trained.curve[trained.best]["simulator"]["reward"]
         progress(f"trial {trial.number + 1}: reward {reward:.3f}")
         return reward
 

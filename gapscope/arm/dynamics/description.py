@@ -714,7 +714,7 @@ TURNS: dict[str, tuple[float, ...]] = {
 """Attributes that turn an element, with what stands in for one that cannot be read."""
 
 
-def _turn_of_z(direction: np.ndarray) -> np.ndarray:
+def turn_of_z(direction: np.ndarray) -> np.ndarray:
     """The shortest turn from the z axis to a direction; unity of none, shape (3, 3)."""
     axis = np.cross([0.0, 0.0, 1.0], direction)
     size = np.linalg.norm(axis)
@@ -948,8 +948,7 @@ class _MjcfReader(_Reader):
             self.several(element, "pos", ZERO, place),
             not given,
             self._mimics.get(name),
-            float(limits[0]) if given else None,
-            float(limits[1]) if given else None,
+            *(limits.tolist() if given else (None, None)),
             # a limit of zero stands for none
             limit if 0 < limit < np.inf else None,
             None,
@@ -995,7 +994,7 @@ class _MjcfReader(_Reader):
                 ends = self.several(element, "fromto", np.zeros(6), place).reshape(2, 3)
                 # in the middle, with the z axis from the one end to the other
                 way = ends[1] - ends[0]
-                pose = SE3(_turn_of_z(way), ends.mean(axis=0))
+                pose = SE3(turn_of_z(way), ends.mean(axis=0))
                 # half lengths of MJCF, as of all its sizes
                 size = size[0], float(np.linalg.norm(way)) / 2
             size = _extent(kind, size)
@@ -1014,10 +1013,9 @@ class _MjcfReader(_Reader):
             # w x y z of MJCF, x y z w of SciPy
             turn = Rotation.from_quat(np.roll(given, -1)).as_matrix()
         elif key == "euler":
-            # axes in lower case turn with the body, in upper case they stay
-            for letter, angle in zip(self._euler, given * self._angle, strict=True):
-                one = Rotation.from_euler(letter.lower(), angle).as_matrix()
-                turn = turn @ one if letter.islower() else one @ turn
+            # axes in lower case turn with the body, in upper case they stay: SciPy has it the other way round
+            angles, axes = given * self._angle, self._euler.swapcase()
+            turn = Rotation.from_euler(axes, angles).as_matrix()
         elif key == "axisangle":
             turn = exp3(_unit(given[:3]) * given[3] * self._angle)
         elif key == "xyaxes":
@@ -1026,7 +1024,7 @@ class _MjcfReader(_Reader):
             y = _unit(given[3:] - (x @ given[3:]) * x)
             turn = np.column_stack([x, y, np.cross(x, y)])
         elif key == "zaxis":
-            turn = _turn_of_z(given)
+            turn = turn_of_z(given)
         return SE3(turn, position)
 
 

@@ -12,7 +12,7 @@ from gapscope.arm.dynamics.description import MOMENTS, Inertial
 from gapscope.arm.dynamics.plain_urdf import numbers
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import listed
-from gapscope.arm.known_load import UPPER, point_mass_parameters
+from gapscope.arm.known_load import UPPER
 
 
 def box_edges(mass: float, moments: np.ndarray) -> np.ndarray:
@@ -89,9 +89,8 @@ def own_parameters(inertial: Inertial | None) -> np.ndarray:
     """
     if inertial is None:
         return np.zeros(10)
-    out = point_mass_parameters(inertial.mass, inertial.com)
-    out[4:] += inertial.moments[UPPER]
-    return out
+    body = pin.Inertia(inertial.mass, inertial.com, inertial.moments)
+    return np.asarray(body.toDynamicParameters())
 
 
 def set_parameters(link: ET.Element, parameters: np.ndarray) -> None:
@@ -180,10 +179,8 @@ def inertial_errors(parameters: np.ndarray, units: np.ndarray) -> np.ndarray:
 
 def _of_body(body: np.ndarray, distance: float) -> np.ndarray:
     """Columns of one body's errors: its mass, three of its centre, six of its shape, (10, 10)."""
-    mass, centre = body[0], body[1:4] / body[0]
-    about_joint = np.zeros((3, 3))
-    about_joint[UPPER] = about_joint.T[UPPER] = body[4:]
-    about_centre = about_joint - mass * _spread(centre, centre)
+    about_centre = pin.Inertia.FromDynamicParameters(body)
+    mass, centre = about_centre.mass, about_centre.lever
     out = np.zeros((10, 10))
     # mass wrong by a share: all ten parameters are wrong by it
     out[:, 0] = body
@@ -193,7 +190,7 @@ def _of_body(body: np.ndarray, distance: float) -> np.ndarray:
         out[1:4, 1 + axis] = mass * shift
         out[4:, 1 + axis] = change[UPPER]
     # of a body that is impossible the trace may be negative
-    shape = SHAPE_ERROR * max(0.5 * float(np.trace(about_centre)), 0.0)
+    shape = SHAPE_ERROR * max(0.5 * float(np.trace(about_centre.inertia)), 0.0)
     # half of that for products
     out[4:, 4:] = np.diag(shape * np.where(np.eye(3)[UPPER], 1.0, 0.5))
     return out

@@ -53,13 +53,6 @@ def link_poses(body: RigidBody, q: np.ndarray) -> LinkPoses:
 # Kinematics of an arm by pinocchio: if its joints and its tool are, and how the tool moves.
 
 
-class Pose(NamedTuple):
-    """A pose in the base frame: position [m], shape (3,), and rotation matrix, shape (3, 3)."""
-
-    position: np.ndarray
-    rotation: np.ndarray
-
-
 class Kinematics:
     """Forward kinematics of an arm; q is of shape (n,) in the arm's joint order, poses are in the base frame.
 
@@ -77,11 +70,10 @@ class Kinematics:
                 self._tool = index
         self.n_joints = body.n_joints
 
-    def tool(self, q: np.ndarray) -> Pose:
+    def tool(self, q: np.ndarray) -> pin.SE3:
         """Pose of the tool."""
         pin.framesForwardKinematics(self._model, self._data, q[self._order])
-        placement = self._data.oMf[self._tool]
-        return Pose(placement.translation.copy(), placement.rotation.copy())
+        return self._data.oMf[self._tool].copy()
 
     def tool_jacobian(self, q: np.ndarray) -> np.ndarray:
         """J with [velocity [m/s]; angular velocity [rad/s]] = J dq of the tool, along the base's axes; (6, n)."""
@@ -143,7 +135,7 @@ LONGEST_STEP = 0.2
 
 
 def inverse_kinematics(
-    kinematics: Kinematics, target: Pose, start: np.ndarray
+    kinematics: Kinematics, target: pin.SE3, start: np.ndarray
 ) -> np.ndarray:
     """Joint positions [rad], shape (n,), by damped least squares: dq = J^T (J J^T + lambda E)^-1 e [nakamura1986].
 
@@ -178,12 +170,12 @@ def inverse_kinematics(
         longest = max(float(np.abs(step).max()), np.finfo(float).eps)
         q += step * min(1.0, LONGEST_STEP / longest)
     raise GapscopeError(
-        f"the tool cannot reach {np.round(target.position, 3).tolist()} m: {np.linalg.norm(error):.2g} m away",
+        f"the tool cannot reach {np.round(target.translation, 3).tolist()} m: {np.linalg.norm(error):.2g} m away",
         "choose a target nearer to the base, or start from another posture",
     )
 
 
-def _error(pose: Pose, target: Pose) -> np.ndarray:
+def _error(pose: pin.SE3, target: pin.SE3) -> np.ndarray:
     """Shift [m] and turn [rad] from a pose to the target along the base's axes, shape (6,)."""
     turn = pin.log3(target.rotation @ pose.rotation.T)
-    return np.concatenate([target.position - pose.position, turn])
+    return np.concatenate([target.translation - pose.translation, turn])

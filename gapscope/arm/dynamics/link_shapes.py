@@ -6,9 +6,10 @@ import warnings
 from collections import Counter
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from itertools import combinations, compress, product
 from pathlib import Path
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -26,46 +27,41 @@ from gapscope.arm.recording import MOST
 # Shapes and named frames of a robot file, placed on the bodies that move them.
 
 
-@dataclass(frozen=True)
-class Frame:
+class Frame(NamedTuple):
     """A link of a robot file as a frame on a moving body.
 
     Attributes:
         name: of the link.
         joint: name of the joint that moves it, or an empty string for the base.
-        position: of the link's frame in that joint's frame [m], shape (3,).
-        rotation: of the same, shape (3, 3).
+        place: of the link's frame in that joint's frame.
     """
 
     name: str
     joint: str
-    position: np.ndarray
-    rotation: np.ndarray
+    place: pin.SE3
 
 
 @dataclass(frozen=True)
 class PlacedShape(Shape):
-    """A visual or collision shape on a moving body.
+    """A visual or collision shape on a moving body, in whose joint's frame its place is.
 
     Attributes:
-        frame: its place there; ``name`` is that of its link.
+        link: its name.
+        joint: that moves the body, or an empty string for the base.
     """
 
-    frame: Frame = field(kw_only=True)
+    link: str = ""
+    joint: str = ""
 
 
 def read_frames(body: RigidBody) -> dict[str, Frame]:
     """Links of the file by name, those that are fixed to a moving body with their place on it."""
-    model = body.model
-    found = {}
-    for frame in model.frames:
-        if frame.type == pin.FrameType.BODY:
-            joint = model.names[frame.parentJoint] if frame.parentJoint else ""
-            place = frame.placement
-            found[frame.name] = Frame(
-                frame.name, joint, place.translation.copy(), place.rotation.copy()
-            )
-    return found
+    joints = ["", *list(body.model.names)[1:]]
+    return {
+        frame.name: Frame(frame.name, joints[frame.parentJoint], frame.placement.copy())
+        for frame in body.model.frames
+        if frame.type == pin.FrameType.BODY
+    }
 
 
 def read_shapes(
@@ -87,13 +83,8 @@ def read_shapes(
                 notes.append(f"a {shape.use} shape of link {link.name}: {said}")
                 continue
             # the shape's place on the body: through the frame of its link
-            turn, shift = frame.rotation, frame.rotation @ shape.place.translation
-            own = replace(
-                frame,
-                position=frame.position + shift,
-                rotation=turn @ shape.place.rotation,
-            )
-            shapes.append(PlacedShape(**vars(shape), frame=own))
+            own = vars(shape) | {"place": frame.place * shape.place}
+            shapes.append(PlacedShape(**own, link=link.name, joint=frame.joint))
     # once, though several shapes may name the same mesh
     return tuple(shapes), tuple(dict.fromkeys(notes))
 
@@ -130,13 +121,13 @@ def link_hulls(body: RigidBody) -> tuple[Hull, ...]:
     for use in ("visual", "collision"):
         drawn = {hull.body for hull in found}
         for shape in shapes:
-            frame = shape.frame
-            number = model.getJointId(frame.joint) if frame.joint else 0
+            number = model.getJointId(shape.joint) if shape.joint else 0
             if shape.use == use and number not in drawn:
                 # a picture can do without a mesh that cannot be read
                 points = shape_points(shape, DIRECTIONS, DIRECTIONS)
                 if points is not None:
-                    found += _hull(number, points @ frame.rotation.T + frame.position)
+                    turned = points @ shape.place.rotation.T
+                    found += _hull(number, turned + shape.place.translation)
     drawn = {hull.body for hull in found}
     # a rod is the hull of a ball at either end
     ball = THICKNESS * reach(body) * directions(DIRECTIONS)
@@ -386,7 +377,6 @@ def _convex(
     count: Counter[str] = Counter()
     kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
     for shape in shapes:
-        frame = shape.frame
         if shape.kind == "mesh":
             try:
                 form = coal.MeshLoader().load(str(shape.mesh), np.array(shape.size))
@@ -399,9 +389,10 @@ def _convex(
             form = form.convex
         else:
             form = kinds[shape.kind](*shape.size)
-        parent = body.model.getJointId(frame.joint) if frame.joint else 0
-        place = pin.SE3(frame.rotation, frame.position)
-        name = f"{frame.name}_{count[frame.name]}"
-        found.addGeometryObject(pin.GeometryObject(name, parent, parent, place, form))
-        count[frame.name] += 1
+        parent = body.model.getJointId(shape.joint) if shape.joint else 0
+        name = f"{shape.link}_{count[shape.link]}"
+        found.addGeometryObject(
+            pin.GeometryObject(name, parent, parent, shape.place, form)
+        )
+        count[shape.link] += 1
     return found

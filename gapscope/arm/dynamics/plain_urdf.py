@@ -12,13 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import UNLIMITED, listed
 from gapscope.arm.errors import InputError
 
 POSTURES = 12
-"""Random postures in which the bodies' kinetic energy may not be negative."""
+"""Postures that stand for all of an arm's where its inertia is looked at."""
+
+
+Place = pin.SE3
+"""Place of one frame in another: a translation [m] and a rotation."""
 
 
 @dataclass(frozen=True)
@@ -29,22 +34,22 @@ class Link:
         joint: name of the joint that moves it.
         parent: name of the joint that moves its parent, or an empty string for the base.
         kind: ``revolute`` or ``prismatic``.
-        origin: pose of the joint in the parent's frame, (xyz [m], roll-pitch-yaw [rad]).
+        origin: place of the joint in the parent's frame.
         axis: unit axis in the joint's frame, shape (3,).
         limits: lower and upper position limit [rad or m], or ``None``.
         mass: [kg].
-        inertial: pose of the centre of mass with the principal axes in the joint's frame, (xyz [m], rpy [rad]).
+        inertial: place of the centre of mass with the principal axes in the joint's frame.
         moments: principal moments of inertia about the centre of mass [kg m^2], shape (3,).
     """
 
     joint: str
     parent: str
     kind: str
-    origin: tuple[np.ndarray, np.ndarray]
+    origin: pin.SE3
     axis: np.ndarray
     limits: tuple[float, float] | None
     mass: float
-    inertial: tuple[np.ndarray, np.ndarray]
+    inertial: pin.SE3
     moments: np.ndarray
 
 
@@ -70,7 +75,7 @@ def moving_links(body: RigidBody, *, movable: bool = True) -> tuple[Link, ...]:
         column = jacobian[:, model.joints[index].idx_v]
         # a turning joint has its axis in the angular part, a slide in the linear one
         turns = np.linalg.norm(column[3:]) > np.linalg.norm(column[:3])
-        placement, inertia = model.jointPlacements[index], model.inertias[index]
+        inertia = model.inertias[index]
         moments, axes = np.linalg.eigh(inertia.inertia)
         axes[:, 0] *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
         low, high = float(lower[index - 1]), float(upper[index - 1])
@@ -80,14 +85,11 @@ def moving_links(body: RigidBody, *, movable: bool = True) -> tuple[Link, ...]:
                 joint=model.names[index],
                 parent=model.names[parent] if parent else "",
                 kind="revolute" if turns else "prismatic",
-                origin=(
-                    placement.translation.copy(),
-                    pin.rpy.matrixToRpy(placement.rotation),
-                ),
+                origin=model.jointPlacements[index].copy(),
                 axis=column[3:] if turns else column[:3],
                 limits=(low, high) if np.isfinite([low, high]).all() else None,
                 mass=float(inertia.mass),
-                inertial=(inertia.lever.copy(), pin.rpy.matrixToRpy(axes)),
+                inertial=pin.SE3(axes, inertia.lever),
                 moments=moments,
             )
         )
@@ -101,7 +103,7 @@ def plain_urdf(links: tuple[Link, ...]) -> str:
     cannot be given them by file, so the engine sets ``Link.moments`` after loading.
     """
     robot = ET.Element("robot", name="arm")
-    _add_link(robot, "base", 1.0, (np.zeros(3), np.zeros(3)))
+    _add_link(robot, "base", 1.0, pin.SE3.Identity())
     for link in links:
         _add_link(robot, link_name(link.joint), link.mass, link.inertial)
         free = link.kind == "revolute" and link.limits is None
@@ -109,7 +111,7 @@ def plain_urdf(links: tuple[Link, ...]) -> str:
         joint = ET.SubElement(robot, "joint", name=link.joint, type=kind)
         ET.SubElement(joint, "parent", link=link_name(link.parent))
         ET.SubElement(joint, "child", link=link_name(link.joint))
-        _add_origin(joint, link.origin)
+        set_origin(joint, link.origin)
         ET.SubElement(joint, "axis", xyz=numbers(link.axis))
         # a URDF asks for limits of every joint but a continuous one
         if not free:
@@ -151,11 +153,7 @@ def check_inertia(body: RigidBody, at_fault: str = "") -> None:
         if x.mass < 0 or not np.isfinite(x.toDynamicParameters()).all()
     ]
     # the joint that most takes part in a motion without kinetic energy in the zero posture, or a negative one in others
-    low, high = np.clip(body.position_limits(), -np.pi, np.pi)
-    # the same postures at each call, so that an error comes again
-    share = np.random.default_rng(0).uniform(size=(POSTURES, body.n_joints))
-    postures = [np.zeros(body.n_joints), *(low + share * (high - low))]
-    for k, q in enumerate(() if bad else postures):
+    for k, q in enumerate(() if bad else body.postures(POSTURES + 1)):
         values, vectors = np.linalg.eigh(body.mass_matrix(q))
         least = 1e-9 if k == 0 else -1e-9
         if values[0] <= least * np.abs(values).max():
@@ -181,24 +179,26 @@ def link_name(joint: str) -> str:
     return f"{joint}_link" if joint else "base"
 
 
-def _add_link(
-    robot: ET.Element, name: str, mass: float, frame: tuple[np.ndarray, np.ndarray]
-) -> None:
+def _add_link(robot: ET.Element, name: str, mass: float, place: pin.SE3) -> None:
     inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
-    _add_origin(inertial, frame)
+    set_origin(inertial, place)
     ET.SubElement(inertial, "mass", value=repr(mass))
     ET.SubElement(
         inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0"
     )
 
 
-def _add_origin(element: ET.Element, frame: tuple[np.ndarray, np.ndarray]) -> None:
-    ET.SubElement(element, "origin", xyz=numbers(frame[0]), rpy=numbers(frame[1]))
+def angles(place: pin.SE3) -> np.ndarray:
+    """Roll, pitch and yaw of a place [rad], shape (3,)."""
+    return np.asarray(pin.rpy.matrixToRpy(place.rotation))
 
 
-def rotation(frame: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Rotation matrix of a pose (xyz [m], roll-pitch-yaw [rad]), shape (3, 3)."""
-    return pin.rpy.rpyToMatrix(frame[1])
+def set_origin(element: ET.Element, place: pin.SE3) -> None:
+    """Give an element of a URDF an ``<origin>``, in place of the one that it may have."""
+    origin = element.find("origin")
+    origin = ET.SubElement(element, "origin") if origin is None else origin
+    origin.set("xyz", numbers(place.translation))
+    origin.set("rpy", numbers(angles(place)))
 
 
 def numbers(values: np.ndarray) -> str:
@@ -243,23 +243,14 @@ def plain_mjcf(links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def _add_place(element: ET.Element, frame: tuple[np.ndarray, np.ndarray]) -> None:
-    element.set("pos", numbers(frame[0]))
-    element.set("quat", numbers(quaternion(frame)))
+def _add_place(element: ET.Element, place: pin.SE3) -> None:
+    element.set("pos", numbers(place.translation))
+    element.set("quat", numbers(quaternion(place)))
 
 
-def quaternion(frame: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Orientation (w, x, y, z) [1] of a pose (xyz [m], roll-pitch-yaw [rad]), shape (4,), by half angles.
+def quaternion(place: pin.SE3) -> np.ndarray:
+    """Orientation (w, x, y, z) [1] of a place, shape (4,).
 
     ``pin.Quaternion`` of pinocchio 4.1 loses 80 bytes each time, which scattered over the heap cost 10 kB per arm.
     """
-    half = 0.5 * np.asarray(frame[1])
-    (sr, sp, sy), (cr, cp, cy) = np.sin(half), np.cos(half)
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
+    return np.roll(Rotation.from_matrix(place.rotation).as_quat(), 1)

@@ -239,6 +239,15 @@ class RigidBody:
         none = (lower >= upper) | (lower <= -UNLIMITED) | (upper >= UNLIMITED)
         return np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
 
+    def postures(self, count: int) -> np.ndarray:
+        """The zero posture and random ones within the limits, the same at each call [rad or m], shape (count, n).
+
+        Joints without limits are within a turn.
+        """
+        low, high = np.clip(self.position_limits(), -np.pi, np.pi)
+        share = np.random.default_rng(0).uniform(size=(count - 1, self.n_joints))
+        return np.vstack([np.zeros(self.n_joints), low + share * (high - low)])
+
     def velocity_limits(self) -> np.ndarray:
         """Velocity limits of the file [rad/s], shape (n,); 0 if there are none."""
         return _finite(self.model.velocityLimit[self.places])
@@ -274,19 +283,10 @@ class RigidBody:
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, ...]:
         """Those of ``sensitivities``, if no mass is negative."""
-        q, dq, ddq = self._ordered(q, dq, ddq)
-        data, n = self._data, self.n_joints
-        by_position, by_velocity, mass = np.empty((3, len(q), n, n))
-        for i in range(len(q)):
-            pin.computeRNEADerivatives(self.model, data, q[i], dq[i], ddq[i])
-            by_position[i] = data.dtau_dq
-            by_velocity[i] = data.dtau_dv
-            mass[i] = data.M
-        # pinocchio fills the upper triangle alone
-        mass = np.triu(mass) + np.triu(mass, 1).transpose(0, 2, 1)
+        motion = self._ordered(q, dq, ddq)
         return tuple(
             matrices[:, self.places][:, :, self.places]
-            for matrices in (by_position, by_velocity, mass)
+            for matrices in rnea_derivatives(self.model, self._data, *motion)
         )
 
     def gravity_regressor(self, q: np.ndarray) -> np.ndarray:
@@ -341,6 +341,20 @@ class RigidBody:
         """Inertial parameters pi of the links in joint order, shape (10 n,); units kg, kg m, kg m^2."""
         inertias = [self.model.inertias[link] for link in self.links.tolist()]
         return np.concatenate([inertia.toDynamicParameters() for inertia in inertias])
+
+
+def rnea_derivatives(
+    model: pin.Model, data: pin.Data, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Those of ``RigidBody.sensitivities``, all in kinematic order; no mass may be negative."""
+    by_position, by_velocity, mass = np.empty((3, *q.shape, q.shape[1]))
+    for i in range(len(q)):
+        pin.computeRNEADerivatives(model, data, q[i], dq[i], ddq[i])
+        by_position[i], by_velocity[i] = data.dtau_dq, data.dtau_dv
+        mass[i] = data.M
+    # pinocchio fills the upper triangle alone
+    mass = np.triu(mass) + np.triu(mass, 1).transpose(0, 2, 1)
+    return by_position, by_velocity, mass
 
 
 def _finite(limits: np.ndarray) -> np.ndarray:

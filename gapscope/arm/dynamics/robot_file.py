@@ -295,11 +295,8 @@ def arm_model(
                 body, place = _add_joint(model, joint, body, place), pin.SE3.Identity()
             # a joint that is locked elsewhere than at zero moves what it carries once
             elif joint.kind in SINGLE and positions.get(joint.name):
-                moved = joint.axis / np.linalg.norm(joint.axis) * positions[joint.name]
-                if joint.kind == "revolute":
-                    place = place * pin.SE3(pin.exp3(moved), np.zeros(3))
-                else:
-                    place = place * pin.SE3(np.eye(3), moved)
+                at = positions[joint.name]
+                place = place * joint_motion(joint.kind, joint.axis, at)
             place = place * pin.SE3(np.eye(3), -joint.anchor)
         link = description.by_name[name]
         if (own := link.inertial) is not None:
@@ -317,6 +314,14 @@ def arm_model(
             waiting.append((below, below.child, body, place))
     model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
     return model
+
+
+def joint_motion(kind: str, axis: np.ndarray, position: float) -> pin.SE3:
+    """Motion of what a joint of a kind carries, along an axis of any length, (3,), to a position [rad or m]."""
+    moved = axis / np.linalg.norm(axis) * position
+    if kind == "prismatic":
+        return pin.SE3(np.eye(3), moved)
+    return pin.SE3(pin.exp3(moved), np.zeros(3))
 
 
 def _add_joint(model: pin.Model, joint: Joint, body: int, place: pin.SE3) -> int:
@@ -379,10 +384,6 @@ def silent_limits(description: Description, joints: Collection[str]) -> list[str
 
 
 # Joints of a robot file beside the arm's: where they are locked, and those that follow a joint of the arm.
-
-
-NAMED = 6
-"""Joints that a note names; the others are counted."""
 
 
 def lock(
@@ -507,13 +508,13 @@ def _notes(
     notes = []
     if silent:
         notes.append(
-            f"{tree.file}: locked at zero: {shortened(silent, NAMED)}; if one stood elsewhere, say so in locked: of "
+            f"{tree.file}: locked at zero: {shortened(silent)}; if one stood elsewhere, say so in locked: of "
             "the case"
         )
     if fixed:
         notes.append(
             f"{tree.file}: fixed as the file draws it, for it has several degrees of freedom: "
-            f"{shortened(fixed, NAMED)}"
+            f"{shortened(fixed)}"
         )
     return notes
 

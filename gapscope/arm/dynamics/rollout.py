@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from gapscope.arm.control import PD
 from gapscope.arm.controller import Controller
-from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.rigid_body import RigidBody, rnea_derivatives
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import FRICTION_SMOOTHING
 from gapscope.arm.velocity_filter import VelocityFilter
@@ -261,9 +261,7 @@ def roll_outs(
     if starts is not None:
         start, start_speed = np.array(starts).swapaxes(0, 1)
     velocity = VelocityFilter(
-        controller.rate,
-        controller.velocity_cutoff,
-        controller.velocity_damping,
+        *controller.estimate,
         start,
         start_speed,
         rule,
@@ -418,8 +416,7 @@ class _TangentStepper(Stepper):
         self._links_along = links[self.order].reshape(10 * n, b)
         self._drives_along = drives[:, self.order]
         self._diagonal = np.arange(n)
-        # one memory for four matrices, as wide as the widest
-        self._matrices = np.empty((4, states, n, max(n, b)))
+        self._matrices = np.empty((states, n, b))
 
     def tangent(
         self,
@@ -459,21 +456,12 @@ class _TangentStepper(Stepper):
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of ID in q and dq, mass matrix, all of shape (R, n, n), and Y along the links', (R, n, b)."""
-        n, b = len(self._diagonal), self._links_along.shape[1]
-        by_q, by_dq, mass = self._matrices[:3, :, :, :n]
-        links = self._matrices[3, :, :, :b]
+        links = self._matrices
         model, data = self._model, self._data
-        for row in range(len(q)):
-            state = q[row], dq[row], ddq[row]
-            pin.computeRNEADerivatives(model, data, *state)
-            by_q[row] = data.dtau_dq
-            by_dq[row] = data.dtau_dv
-            mass[row] = data.M
+        for row, state in enumerate(zip(q, dq, ddq, strict=True)):
             regressor = pin.computeJointTorqueRegressor(model, data, *state)
             links[row] = regressor @ self._links_along
-        # pinocchio fills the upper triangle alone
-        symmetric = np.triu(mass) + np.triu(mass, 1).transpose(0, 2, 1)
-        return by_q, by_dq, symmetric, links
+        return *rnea_derivatives(model, data, q, dq, ddq), links
 
     def _friction_along(
         self, dq: np.ndarray, ddq: np.ndarray

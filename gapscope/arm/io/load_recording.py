@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -59,19 +59,8 @@ Entry = Path | dict[str, Path]
 """A file, or files side by side by label."""
 
 
-@dataclass(frozen=True)
-class Part:
-    """One recording of an entry.
-
-    Attributes:
-        entry: the file, or files side by side.
-        rows: first and last row, from 0, both included; ``None``: all.
-        episode: of a dataset; ``None`` for other files.
-    """
-
-    entry: Entry
-    rows: tuple[int, int] | None = None
-    episode: int | None = None
+Part = tuple[Entry, dict[str, Any]]
+"""One recording of an entry: its file, or files side by side, and the ``rows`` or ``episode`` of ``load_recording``."""
 
 
 def fitted_parts(entry: Entry, importing: Import) -> list[Part]:
@@ -80,9 +69,9 @@ def fitted_parts(entry: Entry, importing: Import) -> list[Part]:
     An episode may also be named as a table is, in ``topic``.
     """
     if not (isinstance(entry, Path) and is_dataset(entry)):
-        return [Part(entry, rows) for rows in importing.fit or (None,)]
+        return [(entry, {"rows": rows}) for rows in importing.fit or (None,)]
     return [
-        Part(entry, episode=episode)
+        (entry, {"episode": episode})
         for episode in importing.fit_episodes or dataset_episodes(entry)
         # a topic may also name one episode
         if importing.topic in (None, episode_name(episode))
@@ -92,8 +81,8 @@ def fitted_parts(entry: Entry, importing: Import) -> list[Part]:
 def judged_parts(entry: Entry, importing: Import) -> list[Part]:
     """The recordings of an entry that are held out: none by default."""
     if isinstance(entry, Path) and is_dataset(entry):
-        return [Part(entry, episode=episode) for episode in importing.judge_episodes]
-    return [Part(entry, rows) for rows in importing.judge]
+        return [(entry, {"episode": episode}) for episode in importing.judge_episodes]
+    return [(entry, {"rows": rows}) for rows in importing.judge]
 
 
 # A recording from its files: any of the formats, through the import section, with the checks a reader owes its user.
@@ -216,9 +205,6 @@ def recording_of_columns(
     # any unit: arrays in memory are diagnosed for their set-up, too
     return load_recording(Log(table.path, "columns", (table,)), arm, any_unit=True)
 
-
-MIN_OVERLAP = 0.5
-"""Share of the motion that a topic must cover to be joined although nobody named it [1]."""
 
 _KINDS = [layout.kind for layout in LAYOUTS if layout.kind]
 
@@ -421,10 +407,10 @@ class _Reader:
             return "it is not finite throughout"
         t, stamps = main.columns[time], table.columns[time]
         # a table that covers a part of the motion would cut the recording to it
-        covered = np.mean((t >= stamps[0]) & (t <= stamps[-1]))
-        return (
-            "" if covered >= MIN_OVERLAP else f"it covers {covered:.0%} of the motion"
-        )
+        inside = (t >= stamps[0]) & (t <= stamps[-1])
+        if 2 * inside.sum() >= len(t):
+            return ""
+        return f"it covers {inside.mean():.0%} of the motion"
 
     def _columns(self, table: Table, name: str, channel: Channel) -> Channel | None:
         """The channel with its columns in a table, or ``None`` if the table has nothing of it.

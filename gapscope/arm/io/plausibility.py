@@ -126,8 +126,8 @@ PLAUSIBLE_RATES = (10.0, 20_000.0)
 SHORTEST_LOG = 1.0
 """A log that lasts less holds no motion that can be diagnosed [s]."""
 
-LONGEST_GAP = 1e6
-"""Periods that a gap in a log may last [1]: a quarter of an hour at 1 kHz, a day at 10 Hz."""
+MAX_SAMPLES = 4_000_000
+"""Samples of a motion that is computed as a whole, an hour at 1 kHz: of seven joints they take some GB meanwhile."""
 
 TURN_TOLERANCE = 0.5
 """A step between two samples that differs from a turn by less is a count that starts again [rad]."""
@@ -167,7 +167,7 @@ def check_runs_forward(t: np.ndarray, table: Table, column: str) -> None:
     usual = float(np.median(step[step > 0]))
     # one stamp far ahead would stretch all that is computed over time
     wide = int(step.argmax())
-    if step[wide] > LONGEST_GAP * usual:
+    if step[wide] > MAX_SAMPLES * usual:
         raise InputError(
             f"time leaps from {t[wide]:.6g} s to {t[wide + 1]:.6g} s, where a step usually takes {usual:.3g} s",
             "correct the stamp, or split the log there into two recordings",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import find_objects, label
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.recording import MOST
 
 # A table as a log file holds it: named columns, and the place of each row in the file.
 
@@ -232,9 +234,7 @@ def numbered(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def runs(mask: np.ndarray) -> list[slice]:
     """Each run of true values, one after the other, of a mask (N,)."""
-    # an edge before each run and after it
-    edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
-    return [slice(*ends) for ends in edges.reshape(-1, 2).tolist()]
+    return [rows for (rows,) in find_objects(label(mask)[0])]
 
 
 def shortened(names: Sequence[str], limit: int = 40) -> str:
@@ -275,18 +275,14 @@ class Log:
 
 # Rows that a log cannot mean: cut short, with text for a number, beyond any arm's numbers; and blocks without values.
 #
-# A few are left out with a note. Up to ``MAX_DAMAGED`` of the rows a diagnosis loses nothing by it (``docs/data.md``);
+# A few are left out with a note. A diagnosis loses nothing by it if ``MOST`` of the rows stay (``docs/data.md``);
 # more are refused, all at once. A block without values is a pause of the log.
 
 
 BEYOND = 1e12
 """Size of the largest number of a joint's quantity, in whatever unit [1]."""
-MAX_DAMAGED = 0.1
-"""Share of the rows up to which they are left out [1]: diagnoses of recordings that lost as many have been right."""
 NAMED = 3
 """Rows that a note or an error names."""
-FORMULATED = 1000
-"""Cells of each column of which it is said what is wrong, for lack of memory."""
 DAMAGED = "rows left out that cannot be read: "
 """Note on them; their number, share and places follow."""
 PAUSE = "rows without values left out as pauses: "
@@ -300,19 +296,19 @@ class Damage:
     Attributes:
         bad: rows that are cut, or hold what is no number of an arm.
         empty: rows that are whole and lack a value.
-        first: what is wrong with the first of them, by row.
+        faults: each says what is wrong with a row, or nothing.
     """
 
     bad: np.ndarray
     empty: np.ndarray
-    first: Mapping[int, str]
+    faults: tuple[Callable[[int], str], ...] = ()
 
     def __or__(self, other: Damage) -> Damage:
         """That of both, row by row."""
         bad = self.bad | other.bad
-        first = {**other.first, **self.first}
+        empty = (self.empty | other.empty) & ~bad
         # a row that is bad in one column is no pause, whatever it lacks in others
-        return Damage(bad, (self.empty | other.empty) & ~bad, first)
+        return Damage(bad, empty, self.faults + other.faults)
 
     @property
     def sound(self) -> np.ndarray:
@@ -333,6 +329,12 @@ class Damage:
             scattered[rows] = False
         return scattered
 
+    @property
+    def few(self) -> bool:
+        """Whether most rows stay, pauses aside; one row may be broken in the shortest of logs."""
+        count, total = self.scattered.sum(), len(self.bad)
+        return bool(count <= 1 or total - count >= MOST * total)
+
     def notes(self, table: Table) -> tuple[str, ...]:
         """What was left out, in words.
 
@@ -343,8 +345,7 @@ class Damage:
             return ()
         pauses, scattered = self.pauses, self.scattered
         count, total = int(scattered.sum()), len(scattered)
-        # one row may be broken in the shortest of logs
-        if count > max(1, MAX_DAMAGED * total) or not self.sound.any():
+        if not (self.few and self.sound.any()):
             raise self._error(table)
         notes = []
         if count:
@@ -359,18 +360,22 @@ class Damage:
 
     def _said(self, rows: Sequence[int]) -> str:
         """The first of some rows with what is wrong, and how many more there are."""
-        named = [self.first[row] for row in rows[:NAMED] if row in self.first]
+        named = [
+            next(filter(None, (fault(row) for fault in self.faults)))
+            for row in rows[:NAMED]
+        ]
         more = len(rows) - len(named)
         return "; ".join([*named, *([f"and {more} more"] if more else [])])
 
     def _error(self, table: Table) -> InputError:
         wrong = np.flatnonzero(~self.sound).tolist()
+        said = self._said(wrong)
         remedy = (
-            f"up to {MAX_DAMAGED:.0%} of the rows are left out; repair the file, or say null in the import: section "
+            f"up to {1 - MOST:.0%} of the rows are left out; repair the file, or say null in the import: section "
             "for a channel that lacks values; a missing value is never guessed"
         )
         return InputError(
-            f"{len(wrong)} of {len(self.bad)} rows cannot be read: {self._said(wrong)}",
+            f"{len(wrong)} of {len(self.bad)} rows cannot be read: {said}",
             remedy,
             file=table.path,
         )
@@ -385,12 +390,20 @@ def damage(table: Table, columns: Iterable[str], time: str | None = None) -> Dam
         time: the column of the time, whose numbers may be larger.
     """
     found = np.zeros((2, len(table)), dtype=bool)
-    first: dict[int, str] = {}
-    lines = {place: row for row, place in enumerate(table.places)} if table.cut else {}
-    for place, text in table.cut.items():
-        if place in lines:
-            found[0, lines[place]] = True
-            first[lines[place]] = f"{table.place_kind} {place} {text}"
+    if table.cut:
+        found[0] = [place in table.cut for place in table.places]
+    wrong_in: dict[str, np.ndarray] = {}
+
+    def fault(row: int) -> str:
+        """That it is cut, or what is wrong in the first column in which anything is."""
+        place = table.places[row]
+        if place in table.cut:
+            return f"{table.place_kind} {place} {table.cut[place]}"
+        for column, wrong in wrong_in.items():
+            if wrong[row]:
+                return f"{table.where(row, column)}: {table.fault(row, column)}"
+        return ""
+
     time = time and table.named(time)
     for column in [*filter(None, (time,)), *map(table.named, columns)]:
         if column not in table.columns:
@@ -408,12 +421,10 @@ def damage(table: Table, columns: Iterable[str], time: str | None = None) -> Dam
             lacking[texts] = [text in NO_VALUE for text in said]
         found[0] |= wrong & ~lacking
         found[1] |= lacking
-        for row in np.flatnonzero(wrong)[:FORMULATED].tolist():
-            # the first column that is wrong tells what is wrong with a row
-            if row not in first:
-                first[row] = f"{table.where(row, column)}: {table.fault(row, column)}"
+        if wrong.any():
+            wrong_in[column] = wrong
     # a row that is cut lacks all values
-    return Damage(found[0], found[1] & ~found[0], first)
+    return Damage(found[0], found[1] & ~found[0], (fault,))
 
 
 def without_damage(table: Table) -> Table:
@@ -423,7 +434,7 @@ def without_damage(table: Table) -> Table:
     damaged together.
     """
     none = np.zeros(len(table), dtype=bool)
-    found = Damage(none, none, {})
+    found = Damage(none, none)
     for column in table.columns:
         sizes = table.sizes(column)
         # stamps count nanoseconds
@@ -431,8 +442,7 @@ def without_damage(table: Table) -> Table:
         own = damage(table, () if large else (column,), column if large else None)
         lost = ~own.sound
         # column by column: one that is empty throughout is no damage of the others
-        few = own.scattered.sum() <= max(1, MAX_DAMAGED * len(table))
-        if few and 2 * lost.sum() < len(table):
+        if own.few and 2 * lost.sum() < len(table):
             found |= own
     # too many together: all rows stay, and the reader of a case will say so
     try:

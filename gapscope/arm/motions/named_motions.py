@@ -6,13 +6,13 @@ from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from scipy.interpolate import BPoly, BSpline, make_interp_spline
 
 from gapscope.arm.dynamics.kinematics import (
     LEAST_JOINTS,
     POSTURES,
     Kinematics,
-    Pose,
     inverse_kinematics,
 )
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -65,10 +65,11 @@ def working_posture(kinematics: Kinematics, limits: Limits) -> np.ndarray:
 
 def _score(kinematics: Kinematics, q: np.ndarray) -> float:
     """Tool in front (x over distance), pointing down, neither low nor high, and away from singular postures [1]."""
-    position, rotation = kinematics.tool(q)
+    tool = kinematics.tool(q)
+    position = tool.translation
     distance = max(float(np.linalg.norm(position)), np.finfo(float).eps)
     in_front = position[0] / distance
-    upwards = rotation[2, 2]
+    upwards = tool.rotation[2, 2]
     height_error = abs(position[2] / distance - 0.5)
     singular = np.linalg.svd(kinematics.tool_jacobian(q), compute_uv=False)
     # the worst direction over the best: 0 in a singular posture
@@ -160,7 +161,8 @@ def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> B
     shares = np.linspace(0.0, 1.0, KNOTS)
     knots = [np.asarray(start, dtype=float)]
     for share in shares[1:]:
-        target = Pose(at_start.position + share * way, at_start.rotation)
+        shifted = at_start.translation + share * way
+        target = pin.SE3(at_start.rotation, shifted)
         # from the knot before: of several solutions the near one, without leaps
         knots.append(inverse_kinematics(kinematics, target, knots[-1]))
     return make_interp_spline(shares, np.array(knots), k=5)
@@ -357,7 +359,7 @@ def _draw_straight_line(
     rng: np.random.Generator, space: Workspace, direction: np.ndarray, speed: float
 ) -> tuple[np.ndarray, Curve]:
     """A posture and a line from it, of 10 to 30 % of the tool's distance from the base, that keeps the limits."""
-    reach = float(np.linalg.norm(space.kinematics.tool(space.posture).position))
+    reach = float(np.linalg.norm(space.kinematics.tool(space.posture).translation))
     problem = GapscopeError("no line was drawn")
     # many lines leave the limits or the reach: others are drawn
     for _ in range(DRAWS):

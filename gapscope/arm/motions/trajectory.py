@@ -17,14 +17,10 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.robot_file import UNLIMITED
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.log import open_log
-from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
+from gapscope.arm.io.plausibility import MAX_SAMPLES, PLAUSIBLE_RATES
 from gapscope.arm.motions.motion import Motion
 
 # How many samples a motion may have that is computed as a whole.
-
-
-MAX_SAMPLES = 4_000_000
-"""Samples in all, an hour at 1 kHz: of seven joints they take some GB while they are computed."""
 
 
 def check_sample_count(duration: float, rate: float, recordings: int = 1) -> None:
@@ -161,9 +157,9 @@ class Fourier(Timed):
         limits: Limits,
         *,
         duration: float,
+        frequency: float,
         centre: np.ndarray | None = None,
         order: int = 5,
-        frequency: float = 0.1,
         ramp: float = 1.0,
     ) -> Fourier:
         """A random motion, per joint as large as the limits allow at every sample of 1 ms.

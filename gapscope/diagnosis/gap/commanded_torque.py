@@ -309,9 +309,7 @@ def _velocity(
 ) -> np.ndarray:
     """Velocity that the controller makes of positions at its ticks [rad/s], (K, n); ``start``: before them."""
     filtered = VelocityFilter(
-        controller.rate,
-        controller.velocity_cutoff,
-        controller.velocity_damping,
+        *controller.estimate,
         q[0],
         start,
         rule,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gapscope.arm.dynamics.inertials import odd_inertials
-from gapscope.arm.dynamics.plain_urdf import check_inertia
+from gapscope.arm.dynamics.plain_urdf import POSTURES, check_inertia
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.known_load import KnownLoad
@@ -189,18 +189,10 @@ class TwoMass:
         np.copyto(self.velocity, dq, where=self._rigid)
 
 
-POSTURES = 12
-"""Postures of the arm at which its inertia is looked at, the straight one among them."""
-
-
 def mass_matrices(body: RigidBody) -> np.ndarray:
     """Mass matrices over postures within the limits [kg m^2], shape (POSTURES, n, n), joints in kinematic order."""
-    low, high = body.position_limits()
-    # joints without limits within a turn
-    low, high = np.maximum(low, -np.pi), np.minimum(high, np.pi)
-    share = np.random.default_rng(0).uniform(size=(POSTURES - 1, body.n_joints))
-    postures = np.vstack([np.zeros(body.n_joints), low + share * (high - low)])
-    return np.array([body.mass_matrix(q)[body.order][:, body.order] for q in postures])
+    masses = np.array([body.mass_matrix(q) for q in body.postures(POSTURES)])
+    return masses[:, body.order][:, :, body.order]
 
 
 def least_inertia(masses: np.ndarray) -> np.ndarray:

@@ -141,7 +141,7 @@ class MuJoCoBodies(Bodies):
         bodies, moving = self._bodies, slice(FIRST, FIRST + len(links))
         bodies["mass"][number, moving] = [link.mass for link in links]
         bodies["inertia"][number, moving] = [link.moments for link in links]
-        bodies["ipos"][number, moving] = [link.inertial[0] for link in links]
+        bodies["ipos"][number, moving] = [x.inertial.translation for x in links]
         turns = np.array([quaternion(link.inertial) for link in links])
         # as MuJoCo's own compiler leaves them
         for turn in turns:

@@ -8,17 +8,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import Rotation
 
 from gapscope.arm.controller import Controller
-from gapscope.arm.dynamics.description import SCHEMES, find_mesh, read_description
+from gapscope.arm.dynamics.description import (
+    SCHEMES,
+    Description,
+    find_mesh,
+    read_description,
+)
 from gapscope.arm.dynamics.inertials import (
     own_parameters,
     possible,
     set_parameters,
 )
 from gapscope.arm.dynamics.link_shapes import PlacedShape
-from gapscope.arm.dynamics.plain_urdf import exact_urdf, numbers, rotation
+from gapscope.arm.dynamics.plain_urdf import Place, exact_urdf, numbers, set_origin
+from gapscope.arm.dynamics.robot_file import joint_motion
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nearest_name import check_known
@@ -72,9 +77,11 @@ def as_urdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
     notes: tuple[str, ...] = ()
     # changes go into the file itself: what Gapscope does not read stays in it
     if root.tag == "robot":
-        notes = (*_fix_others(root, arm), *_name_meshes(root, arm, out, relative))
-        _set_bodies(root, arm)
-        _shift_zeros(root, arm)
+        described = read_description(arm.body.file, shapes=False)
+        notes = _fix_others(root, arm, described)
+        notes += _name_meshes(root, arm, out, relative)
+        _set_bodies(root, arm, described)
+        _shift_zeros(root, arm, described)
     else:
         root = exact_urdf(arm.corrected.arm.name, arm.links)
     for joint in root.findall("joint"):
@@ -85,15 +92,16 @@ def as_urdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
     return ET.tostring(root, encoding="unicode"), notes
 
 
-def _fix_others(root: ET.Element, arm: PlainArm) -> tuple[str, ...]:
+def _fix_others(
+    root: ET.Element, arm: PlainArm, described: Description
+) -> tuple[str, ...]:
     """Fix joints that are not the arm's; says which."""
     fixed = []
     for joint in root.findall("joint"):
         if joint.get("type") in MOVABLE and joint.get("name") not in arm.drives.index:
             fixed.append(joint.get("name", ""))
             position = arm.corrected.arm.locked.get(joint.get("name", ""), 0.0)
-            # before the type is changed, which says how the position counts
-            _set_origin(joint, position)
+            _set_origin(joint, described, position)
             joint.set("type", "fixed")
             # a fixed joint has no limits, friction or mimic
             for element in list(joint):
@@ -108,30 +116,11 @@ def _fix_others(root: ET.Element, arm: PlainArm) -> tuple[str, ...]:
     )
 
 
-def _set_origin(joint: ET.Element, position: float) -> None:
+def _set_origin(joint: ET.Element, described: Description, position: float) -> None:
     """Move the origin of a joint to where it takes its link at a position [rad or m]."""
-    if position == 0:
-        return
-    origin, axis = joint.find("origin"), joint.find("axis")
-    if origin is None:
-        origin = ET.SubElement(joint, "origin")
-    # a URDF without an axis means x
-    direction = _vector(axis, "xyz", "1 0 0")
-    direction = direction / np.linalg.norm(direction)
-    turn = Rotation.from_euler("xyz", _vector(origin, "rpy", "0 0 0"))
-    place = _vector(origin, "xyz", "0 0 0")
-    if joint.get("type") == "prismatic":
-        place = place + turn.apply(position * direction)
-    else:
-        # about the axis in the joint's frame, behind the turn of its origin
-        turn = turn * Rotation.from_rotvec(position * direction)
-    origin.set("xyz", numbers(place))
-    origin.set("rpy", numbers(turn.as_euler("xyz")))
-
-
-def _vector(element: ET.Element | None, key: str, otherwise: str) -> np.ndarray:
-    text = None if element is None else element.get(key)
-    return np.array((text or otherwise).split(), dtype=float)
+    if position:
+        own = described.above[_end(joint, "child")]
+        set_origin(joint, own.place * joint_motion(own.kind, own.axis, position))
 
 
 def _name_meshes(
@@ -161,14 +150,13 @@ def _name_meshes(
     return tuple(dict.fromkeys(missing))
 
 
-def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
+def _set_bodies(root: ET.Element, arm: PlainArm, described: Description) -> None:
     """Add the changes of inertia to the links that the joints move.
 
     A link that alone could not lose so much takes over the inertia of what is fixed to it.
     """
     links = {link.get("name", ""): link for link in root.findall("link")}
     child = {j.get("name", ""): _end(j, "child") for j in root.findall("joint")}
-    described = read_description(arm.body.file, shapes=False).by_name
     increments = arm.corrected.inertial_increments(arm.nominal)
     # inertia of a link and of what is fixed to it, in the order of the joints
     merged = arm.body.inertial_parameters().reshape(-1, 10)
@@ -178,7 +166,8 @@ def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
         if not increment.any():
             continue
         link = links[child[joint]]
-        alone = own_parameters(described[child[joint]].inertial) + increment
+        own = described.by_name[child[joint]].inertial
+        alone = own_parameters(own) + increment
         # the link alone bears the change, or even all together do not
         if possible(alone) or not possible(total):
             set_parameters(link, alone)
@@ -209,7 +198,7 @@ def _set_drive(joint: ET.Element, drive: pd.Series) -> None:
         limit.set("velocity", repr(float(drive.velocity)))
 
 
-def _shift_zeros(root: ET.Element, arm: PlainArm) -> None:
+def _shift_zeros(root: ET.Element, arm: PlainArm, described: Description) -> None:
     """Let the coordinates of the joints be what their encoders read, the true ones plus a zero [rad or m]."""
     zeros = arm.drives["zero"]
     for joint in root.findall("joint"):
@@ -217,7 +206,7 @@ def _shift_zeros(root: ET.Element, arm: PlainArm) -> None:
         if zero == 0:
             continue
         # coordinate = true + zero: the origin turns back, limits move on
-        _set_origin(joint, -zero)
+        _set_origin(joint, described, -zero)
         for tag, name in LIMITS:
             element = joint.find(tag)
             limit = None if element is None else element.get(name)
@@ -225,7 +214,7 @@ def _shift_zeros(root: ET.Element, arm: PlainArm) -> None:
                 element.set(name, repr(float(limit) + zero))
 
 
-def _turn_base(root: ET.Element, mount: np.ndarray) -> None:
+def _turn_base(root: ET.Element, mount: Place) -> None:
     """A fixed joint between a new root link and the base."""
     links = [x.get("name", "") for x in root.findall("link")]
     joints = root.findall("joint")
@@ -242,12 +231,7 @@ def _turn_base(root: ET.Element, mount: np.ndarray) -> None:
     joint = ET.Element("joint", name=holder, type="fixed")
     ET.SubElement(joint, "parent", link=world)
     ET.SubElement(joint, "child", link=base)
-    ET.SubElement(
-        joint,
-        "origin",
-        xyz="0 0 0",
-        rpy=numbers(Rotation.from_matrix(mount).as_euler("xyz")),
-    )
+    set_origin(joint, mount)
     root.insert(0, ET.Element("link", name=world))
     root.insert(1, joint)
 
@@ -315,7 +299,7 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
     for number, shape in enumerate(arm.shapes):
         name = ""
         if problem := _unreadable(shape):
-            notes.append(f"a {shape.use} shape of link {shape.frame.name}: {problem}")
+            notes.append(f"a {shape.use} shape of link {shape.link}: {problem}")
             continue
         # a mesh of one scale is written once, named after its first shape
         if shape.mesh is not None:
@@ -349,7 +333,6 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         # MuJoCo applies a step's last torque throughout, which is early by half a step. The delay of its filter is
         # e / (1 - e) steps, with e = exp(-step / T'), at low frequency; it is T for T' = step / ln(1 + step / T)
         filter_time=lambda lag: step / np.log1p(step / lag),
-        rotation=rotation,
         within=_within,
         teeth=(1 / (2 * np.pi * TOOTH_FREQUENCY * TOOTH_DAMPING), TOOTH_DAMPING),
     )
@@ -523,15 +506,13 @@ def as_sdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, ..
     the frames of the links that they move. Links that are fixed to another are merged into it. Arguments as those of
     ``as_mjcf``.
     """
-    places = {"": (np.zeros(3), arm.mount)}
+    places = {"": arm.mount}
     tensors = {}
     # parents come before children, so that the place of each is known by then
     for link in arm.links:
-        position, turn = places[link.parent]
-        place = position + turn @ link.origin[0], turn @ rotation(link.origin)
-        places[link.joint] = place
+        places[link.joint] = places[link.parent] * link.origin
         # from principal axes into those of the link
-        axes = rotation(link.inertial)
+        axes = link.inertial.rotation
         tensors[link.joint] = axes @ np.diag(link.moments) @ axes.T
     text = rendered(
         "sdf.xml.j2",

@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from gapscope.arm.dynamics.description import turn_of_z
 from gapscope.arm.dynamics.inertials import odd_inertials
 from gapscope.arm.dynamics.link_shapes import (
     Frame,
@@ -27,13 +28,15 @@ from gapscope.arm.dynamics.link_shapes import (
 )
 from gapscope.arm.dynamics.plain_urdf import (
     Link,
+    Place,
+    angles,
     check_inertia,
     link_name,
     moving_links,
     numbers,
-    rotation,
 )
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.robot_file import joint_motion
 from gapscope.arm.nominal import FRICTION_SMOOTHING, NominalArm
 from gapscope.effects.actuation import MIN_FALL
 from gapscope.effects.applied import AppliedEffect
@@ -131,8 +134,7 @@ class PlainArm(NamedTuple):
         body: the bodies of the corrected arm.
         links: the moving bodies, parents before children; their joints' coordinates are what the encoders read.
         drives: see ``joint_drives``.
-        mount: R from the base to a world whose gravity points along -z, shape (3, 3): the orientation of the base, with
-            tilt.
+        mount: turn from the base to a world whose gravity points along -z: the orientation of the base, with tilt.
         gravity: strength of gravity [m/s^2].
         frames: links of the URDF by name, empty of an MJCF file.
         shapes: shapes of the URDF.
@@ -144,7 +146,7 @@ class PlainArm(NamedTuple):
     body: RigidBody
     links: tuple[Link, ...]
     drives: pd.DataFrame
-    mount: np.ndarray
+    mount: Place
     gravity: float
     frames: dict[str, Frame]
     shapes: tuple[PlacedShape, ...]
@@ -161,15 +163,15 @@ class PlainArm(NamedTuple):
             for frame in self.frames.values()
             if frame.joint == joint
             and frame.name != "world"
-            and not frame.position.any()
-            and _none(frame.rotation)
+            and not frame.place.translation.any()
+            and _none(frame.place.rotation)
         )
         return next(own, link_name(joint))
 
     @property
     def upright(self) -> bool:
         """Whether the base is oriented like the world."""
-        return _none(self.mount)
+        return _none(self.mount.rotation)
 
 
 def plain_arm(corrected: CorrectedArm) -> PlainArm:
@@ -189,7 +191,9 @@ def plain_arm(corrected: CorrectedArm) -> PlainArm:
             e.name for e in corrected.effects if isinstance(e.effect, LinkChange)
         ),
     )
-    strength = float(np.linalg.norm(corrected.arm.gravity))
+    gravity = np.array(corrected.arm.gravity)
+    # a world in which what is up in the base's frame is up
+    mount = turn_of_z(-gravity).T @ corrected.base_rotation()
     shapes, missing = read_shapes(body)
     drives = joint_drives(corrected, body)
     links = tuple(
@@ -201,27 +205,11 @@ def plain_arm(corrected: CorrectedArm) -> PlainArm:
         body,
         links,
         drives,
-        upright(corrected.arm.gravity) @ corrected.base_rotation(),
-        strength,
+        Place(mount, np.zeros(3)),
+        float(np.linalg.norm(gravity)),
         read_frames(body),
         shapes,
         missing,
-    )
-
-
-def upright(gravity: np.ndarray) -> np.ndarray:
-    """R of the smallest turn with R g = (0, 0, -|g|), shape (3, 3); the identity without gravity g [m/s^2], (3,)."""
-    strength = float(np.linalg.norm(gravity))
-    if strength == 0:
-        return np.eye(3)
-    down, goal = np.asarray(gravity) / strength, np.array([0.0, 0.0, -1.0])
-    axis = np.cross(down, goal)
-    # upside down: half a turn about any axis across; the right way up: none
-    if np.linalg.norm(axis) < 1e-12:
-        return np.eye(3) if down[2] < 0 else np.diag([1.0, -1.0, -1.0])
-    angle = np.arctan2(np.linalg.norm(axis), down @ goal)
-    return np.asarray(
-        Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
     )
 
 
@@ -229,17 +217,12 @@ def _shifted(link: Link, zero: float) -> Link:
     """A body whose joint coordinate is the true one plus ``zero`` [rad or m]: the same place, reached further on."""
     if zero == 0:
         return link
-    place, turn = link.origin[0], rotation(link.origin)
-    if link.kind == "revolute":
-        # from the new coordinate back to the true one, within the joint's own frame
-        turn = turn @ Rotation.from_rotvec(-zero * link.axis).as_matrix()
-    else:
-        place = place - zero * turn @ link.axis
     limits = link.limits
     if limits is not None:
         limits = (limits[0] + zero, limits[1] + zero)
-    angles = Rotation.from_matrix(turn).as_euler("xyz")
-    return replace(link, origin=(place, angles), limits=limits)
+    # from the new coordinate back to the true one, within the joint's own frame
+    back = joint_motion(link.kind, link.axis, -zero)
+    return replace(link, origin=link.origin * back, limits=limits)
 
 
 def _none(turn: np.ndarray) -> bool:
@@ -306,10 +289,8 @@ def _templates() -> jinja2.Environment:
         "quoted": quoted,
         "exact": lambda value: repr(float(value)),
         "numbers": numbers,
-        # position [m] and roll, pitch, yaw [rad] of a position and a rotation matrix
-        "pose": lambda place: numbers(
-            np.r_[place[0], Rotation.from_matrix(place[1]).as_euler("xyz")]
-        ),
+        # position [m] and roll, pitch, yaw [rad]
+        "pose": lambda place: numbers(np.r_[place.translation, angles(place)]),
         # MuJoCo writes the real part first
         "quaternion": lambda turn: numbers(
             np.roll(Rotation.from_matrix(turn).as_quat(), 1)

@@ -76,9 +76,7 @@ def check_controller(
         spline = make_interp_spline(t, recording.q, k=3)
         q = spline(np.clip(commands.t, t[0], t[-1]))
         filtered = VelocityFilter(
-            controller.rate,
-            controller.velocity_cutoff,
-            controller.velocity_damping,
+            *controller.estimate,
             q[0],
             commands.dq[0],
         )

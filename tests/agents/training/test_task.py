@@ -123,7 +123,7 @@ def test_simulator_follows_the_models_inverse_dynamics(
     )
     env.close()
     alone = task.trials(settings, 1)
-    assert judge(alone, idle(alone), [("own", reference)]).joint_error < 4e-4
+    assert judge(alone, idle(alone), [("own", reference)])["joint_error"] < 4e-4
 
 
 def test_the_network_acts_in_the_simulator(
@@ -142,7 +142,7 @@ def test_the_network_acts_in_the_simulator(
             episode_length=short().episode_length,
             engine=short().engine,
         )
-        errors.append(judge(env, idle(env), [("own", reference)]).joint_error)
+        errors.append(judge(env, idle(env), [("own", reference)])["joint_error"])
     assert errors[0] < 0.1 * errors[1]
 
 

@@ -73,10 +73,10 @@ def test_agents_learn_to_hold_a_rod_up(
     settings = short(algorithm, steps=steps, round_steps=steps // 2)
     trained = Training(task, settings, tmp_path / "out").run()
     first, best = trained.curve[0], trained.curve[trained.best]
-    assert best.simulator.joint_error < 0.6 * first.simulator.joint_error
-    assert best.hidden is not None and first.hidden is not None
-    assert best.hidden.joint_error < 0.6 * first.hidden.joint_error
-    assert best.simulator.reward > first.simulator.reward + 0.05
+    assert best["simulator"]["joint_error"] < 0.6 * first["simulator"]["joint_error"]
+    assert best["hidden"] is not None and first["hidden"] is not None
+    assert best["hidden"]["joint_error"] < 0.6 * first["hidden"]["joint_error"]
+    assert best["simulator"]["reward"] > first["simulator"]["reward"] + 0.05
 
 
 @pytest.mark.slow
@@ -107,17 +107,17 @@ def test_an_agent_on_a_wrong_model_is_kept_and_helps_the_hidden_arm(
     trained = Training(task, settings, tmp_path).run()
     first, kept = trained.curve[0], trained.curve[trained.best]
     assert trained.best and "drawn around the model" in trained.reason
-    assert first.hidden is not None and kept.hidden is not None
-    assert kept.hidden.joint_error < 0.85 * first.hidden.joint_error
+    assert first["hidden"] is not None and kept["hidden"] is not None
+    assert kept["hidden"]["joint_error"] < 0.85 * first["hidden"]["joint_error"]
     content = write_agent(task, trained, tmp_path)
-    assert content["kept"]["steps"] == kept.steps
+    assert content["kept"]["steps"] == kept["steps"]
     last = read_agent(tmp_path / LAST, arm)
-    assert last.document["kept"]["steps"] == trained.curve[-1].steps == 6144
+    assert last.document["kept"]["steps"] == trained.curve[-1]["steps"] == 6144
     # where the model is right, the agent adds nothing
     right = task.trials(short(action="gains"), 6)
     motions = held_out(settings, right.setup.space)
     own, alone = (judge(right, p, motions) for p in (trained.policy, idle(right)))
-    assert own.joint_error < 1.02 * alone.joint_error
+    assert own["joint_error"] < 1.02 * alone["joint_error"]
 
 
 @pytest.mark.parametrize("algorithm", daily(ALGORITHMS, "sac", "td3"))
@@ -140,7 +140,7 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
     whole = Training(task, settings, tmp_path / "whole").run()
     Training(task, settings, tmp_path / "parts").run(rounds=1)
     resumed = Training(task, settings, tmp_path / "parts").run()
-    assert [p.plain() for p in resumed.curve] == [p.plain() for p in whole.curve]
+    assert resumed.curve == whole.curve
     same(tmp_path / "whole", tmp_path / "parts")
 
 
@@ -230,7 +230,7 @@ def test_a_trained_agent_is_evaluated_beside_models(
     )
     found = evaluate({"pd": None, "agent": agent}, TrackingBench(arm, (), plan))
     pd, own = ({**episode, "model": ""} for episode in found.episodes)
-    kept = trained.curve[trained.best].steps
+    kept = trained.curve[trained.best]["steps"]
     assert (own == pd) == (kept == 0) and np.isfinite(own["joint_error"])
     assert set(found.margins) == {(name, plan.engines[0]) for name in ("pd", "agent")}
 

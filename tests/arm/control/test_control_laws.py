@@ -91,25 +91,6 @@ def test_computed_torque_of_the_elbow(arm: NominalArm) -> None:
     assert ControlLoop(law, arm)(targets, q, dq)[1] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("kind", ["pid", "cascade"])
-def test_without_an_integrator_a_law_is_pd(kind: str, arm: NominalArm) -> None:
-    rng = np.random.default_rng(0)
-    pd = PD(rate=RATE, kp=rng.uniform(1, 9, 2), kd=rng.uniform(1, 3, 2))
-    law = like_pd(pd, kind, 0.7)
-    law = type(law)(**{**vars(law), "ki": np.zeros(2)})
-    errors = rng.standard_normal(5).tolist()
-    assert torques(law, arm, errors) == pytest.approx(torques(pd, arm, errors))
-
-
-def test_an_integrator_starts_with_a_torque(arm: NominalArm) -> None:
-    """As a replay does, which begins in the middle of a motion."""
-    loop = ControlLoop(pid(), arm)
-    ones, zeros = np.ones(2), np.zeros(2)
-    targets = Targets(ones, zeros, zeros, 0.5 * ones)
-    loop.start_with(np.array([7.0, -1.0]), targets, zeros, zeros)
-    assert loop(targets, zeros, zeros) == pytest.approx([7.0, -1.0])
-
-
 def laws() -> list[Controller]:
     """One controller of each law, with all that it may have."""
     kp, kd = np.array([40.0, 9.0]), np.array([4.0, 1.0])

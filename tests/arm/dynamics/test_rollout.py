@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from arms import ROD, chain
 from cases import sines
 
-from gapscope.arm.control import PD, feedforward
+from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import (
     Commands,
@@ -68,18 +67,6 @@ def test_a_rod_without_friction_keeps_its_energy(rod):
     energy = 0.5 * INERTIA * out.speed[:, 0] ** 2 - WEIGHT * np.sin(out.q[:, 0])
     assert np.ptp(out.q) > 1.5
     assert np.ptp(energy) < 1e-3 * WEIGHT
-
-
-def test_position_control_sags_by_gravity_over_stiffness_and_an_offset_lifts(rod):
-    commands, controller = hold(3.0, [0.0]), pd(1, 200.0, 30.0)
-    plain, lifted = (
-        roll_out(RigidBody(rod), plant_of(rod, offset=offset), controller, commands)
-        for offset in (0.0, -WEIGHT)
-    )
-    sag = plain.q[-1, 0]
-    assert 200.0 * sag == pytest.approx(WEIGHT * np.cos(sag), rel=1e-5)
-    assert lifted.q[-1, 0] == pytest.approx(0.0, abs=1e-6)
-    assert lifted.tau[-1, 0] == pytest.approx(0.0, abs=1e-4)
 
 
 SLOWED = {
@@ -197,27 +184,6 @@ def test_sensitivities_are_those_of_finite_differences(data_arm, motion, swapped
         lambda x, numeric: np.abs(x - numeric).max() < 1e-4 * np.abs(numeric).max(),
         np.full(7, 60.0),
     )
-
-
-# The feedforward law, on a pendulum worked by hand.
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> NominalArm:
-    """2 kg at 0.5 m, inertia 0.55 kg m^2 about the hinge."""
-    return chain(
-        tmp_path, "pendulum", ROD, armature=[0.2], coulomb=[3.0], viscous=[0.7]
-    )
-
-
-def test_laws_by_hand(arm: NominalArm) -> None:
-    q, dq, ddq = np.array([[0.0]]), np.array([[0.005]]), np.array([[2.0]])
-    gravity = -9.81  # the rod points along x, gravity turns it about +y
-    nominal = gravity + (0.55 + 0.2) * 2.0 + 3.0 * np.tanh(1.0) + 0.7 * 0.005
-    for kind, expected in (("none", 0.0), ("gravity", gravity), ("nominal", nominal)):
-        np.testing.assert_allclose(
-            feedforward(arm, RigidBody(arm), kind, q, dq, ddq), [[expected]], rtol=1e-12
-        )
 
 
 # Derivatives of the inverse dynamics against finite differences, for bodies as least squares may return them.

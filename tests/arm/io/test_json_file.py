@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import plain, read_json, to_json, write_json
 
 
@@ -50,13 +50,3 @@ def test_a_seed_of_64_bits_is_read_again_and_what_no_computer_counts_with_is_not
     write_json({"seed": 2**64}, path)
     with pytest.raises(InputError, match="whole number of 20 digits"):
         read_json(path, "")
-
-
-def test_faults_name_the_file_and_a_remedy(tmp_path: Path) -> None:
-    (tmp_path / "bad.json").write_text("{")
-    with pytest.raises(InputError, match=r"bad\.json.*not valid JSON"):
-        read_json(tmp_path / "bad.json", "mend it")
-    with pytest.raises(InputError, match=r"none\.json.*no such file"):
-        read_json(tmp_path / "none.json", "give it")
-    with pytest.raises(GapscopeError, match="cannot be written"):
-        write_json([], tmp_path / "bad.json" / "below.json")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gapscope.arm.io.formats.rosbag import JOINT_STATE
-from gapscope.arm.io.layouts import joints_in, layout_of
+from gapscope.arm.io.layouts import layout_of
 from gapscope.arm.io.table import Table
 
 
@@ -56,10 +56,3 @@ def test_the_measured_torque_is_taken_before_the_computed_one() -> None:
     assert (place.column, place.unit) == ("actual_current_{j0}", "A")
     without = layout.place("tau", table(*columns[:3]))
     assert without is not None and "no measurement" in without.holds
-
-
-def test_numbers_count_from_the_first_without_a_gap() -> None:
-    assert joints_in("q{j}", ["q1", "q2", "q4", "q12x"]) == ["1", "2"]
-    assert joints_in("q{j}", ["q0", "q2"]) == []
-    assert joints_in("x[{joint}]", ["x[a.pos]", "y[b]"]) == ["a.pos"]
-    assert joints_in("plain", ["plain"]) == []

@@ -82,11 +82,3 @@ def test_examples_are_valid() -> None:
         for key, given in SCHEMA["properties"][section]["properties"].items():
             for example in given.get("examples", ()):
                 check({**content, section: {key: example}}, Path("case.yaml"))
-
-
-def test_the_pages_name_every_key_and_unit() -> None:
-    text = "".join(SCRIPT.pages(SCHEMA).values())
-    for path, _ in keys(SCHEMA):
-        assert f"{path.split('.')[-1]}`" in text, path
-    for unit in SCHEMA["$defs"]["torque"]["properties"]["unit"]["enum"]:
-        assert f"`{unit}`" in text
