@@ -231,7 +231,7 @@ def _reduced(
 
     def equations(segment: Segment, motion: Motion) -> np.ndarray:
         known = replace(segment, motion=motion).known_torque(body)
-        torque = np.asarray(segment.torque) - known
+        torque = segment.torque - known
         # dry friction sees speeds and distances alone, which a zero does not change
         dry = columns.dry(segment.motion, law)
         parts = [columns.smooth(motion), dry, torque[:, :, None]]
@@ -362,7 +362,7 @@ class FittedParameters:
     @property
     def fitted_torque(self) -> np.ndarray:
         """Torque by the estimate in the band [N m], shape (M, n)."""
-        return np.asarray(self.matrix[:, :, self.base.kept] @ self.estimate.value)
+        return self.matrix[:, :, self.base.kept] @ self.estimate.value
 
     @property
     def measured(self) -> list[Recording]:
@@ -638,7 +638,7 @@ def validate(
         predict: the identified model, segment to torque [N m], (N, n).
         nominal: the nominal arm, likewise.
     """
-    parts: list[tuple[np.ndarray, ...]] = []
+    parts = []
     for segment in segments:
         rows = band.rows(segment)
         motion = segment.motion
@@ -749,7 +749,7 @@ class Identification(FittedParameters):
 
     def predict(self, motion: Motion) -> np.ndarray:
         """Torque that would be recorded on a motion without payload [N m], shape (N, n)."""
-        return np.asarray(self.columns.matrix(motion, self.choice.law) @ self.value)
+        return self.columns.matrix(motion, self.choice.law) @ self.value
 
 
 def identify(
@@ -781,7 +781,7 @@ def examine_fit(
     # part of the samples cannot be simulated: what they determine is asked of least squares then
     simulates = settings.estimator in SIMULATING
     estimator = weighted_least_squares if simulates else fitted.estimator
-    reasons: list[str] = []
+    reasons = []
     # a part that fails leaves a sentence; the others are still worth having
     essential, groups, interval = None, None, None
     try:
@@ -922,7 +922,7 @@ def validated(
 
     def predict(x: np.ndarray, segment: Segment) -> np.ndarray:
         load = segment.known_torque(columns.body)
-        return np.asarray(columns.matrix(segment.motion, law) @ x + load)
+        return columns.matrix(segment.motion, law) @ x + load
 
     both = partial(predict, value), partial(predict, columns.nominal(law))
     return validate(role, segments, fitted.samples.band, *both)
@@ -1143,7 +1143,7 @@ def _time_offset(fit: FittedParameters) -> tuple[np.ndarray, np.ndarray]:
     unit = column_norms(flat)
     factor = Factor.of(flat / unit, residual.ravel())
     # columns that depend on each other to rounding share, instead of growing
-    inverse: np.ndarray = np.linalg.pinv(factor.triangle, rcond=1e-9)
+    inverse = np.linalg.pinv(factor.triangle, rcond=1e-9)
     solution, spread = inverse @ factor.rotated, np.linalg.norm(inverse, axis=1)
     # samples at rest have no weight: they do not count in the mean of the squares either
     counted = np.maximum(moving.mean(axis=0), 1 / len(moving))

@@ -165,7 +165,7 @@ def document(
     arm, base, physical = result.case.arm, result.base, result.physical
     settings, choice, law = result.settings, result.choice, result.choice.law
     value, zeros = result.estimate.value, result.zeros
-    columns: dict[str, Iterable[Any]] = {
+    columns = {
         "expression": base.expressions(),
         "value": value,
         "std": result.uncertainty.deviation,

@@ -106,7 +106,7 @@ class FormError:
         scores = [left[:, j].T @ functions[:, j] for j in range(problem.n_joints)]
         # least squares hands f on as (Z^T W)^-1 Z^T f
         pull = np.linalg.solve(gram, np.hstack(scores))
-        return np.asarray(pull @ self.moment @ pull.T)
+        return pull @ self.moment @ pull.T
 
 
 def form_error(problem: Problem, beta: np.ndarray) -> FormError:
@@ -399,7 +399,7 @@ def _of_changes(change: np.ndarray) -> Uncertainty:
 
 def _blocks(group: np.ndarray, length: float) -> list[slice]:
     """Blocks of about equal length [samples] within the groups."""
-    out: list[slice] = []
+    out = []
     for rows in group_slices(group):
         count = max(1, round((rows.stop - rows.start) / length))
         out += equal_parts(rows, count)
@@ -780,7 +780,7 @@ def _band_correlation(rate: float, cutoff: float, step: int) -> np.ndarray:
     phase = 2 * np.pi * lags[:, None] * frequency
     # Wiener and Khinchin: the correlation is the cosine transform of the power
     covariance = (power * np.cos(phase)).sum(axis=1)
-    return np.asarray(covariance / covariance[0])
+    return covariance / covariance[0]
 
 
 def whiteness(

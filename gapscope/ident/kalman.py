@@ -128,7 +128,7 @@ def follow(problem: Problem, openings: Openings = ()) -> Followed:
     Source: ljung1999.
     """
     batch = weighted_least_squares(problem).value
-    rows: list[slice] = []
+    rows = []
     for group in group_slices(problem.group):
         fewest = SHORTEST / problem.interval[group.start]
         samples = max(1, round(max(fewest, len(problem.torque) / MAX_BLOCKS)))

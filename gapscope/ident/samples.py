@@ -492,7 +492,7 @@ class Samples:
         self.measured = np.concatenate([s.measured[rows] for s, rows in kept])
         self.smooth = self.filtered_each(columns.smooth)
         self.torque = self._stack(
-            np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments
+            s.torque - s.known_torque(columns.body) for s in self.segments
         )
         lengths = [len(s.motion.t[rows]) for s, rows in kept]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
@@ -592,7 +592,7 @@ def _bandwidth(samples: Samples) -> np.ndarray:
     order = np.argsort(frequency, kind="stable")
     below = np.cumsum(np.concatenate(energies)[order], axis=0)
     share_below = below / np.maximum(below[-1], TINY)
-    return np.asarray(frequency[order][np.argmax(share_below >= POWER, axis=0)])
+    return frequency[order][np.argmax(share_below >= POWER, axis=0)]
 
 
 # Which recordings are fitted, and which are held out.
@@ -760,7 +760,7 @@ class FrictionTrials:
                 left = self._shared[rows] @ z - dry[rows] @ x[smooth:]
                 squares += (left**2).sum(axis=0)
             # sizes count the rows of all joints
-            return np.asarray(squares * joints / sum(sizes))
+            return squares * joints / sum(sizes)
 
         return mse
 

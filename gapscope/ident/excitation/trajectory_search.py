@@ -467,7 +467,7 @@ class _Decoded(NamedTuple):
     @property
     def coefficients(self) -> np.ndarray:
         """C [rad], shape (m, n)."""
-        return np.asarray(self.share * self.gain * self.raw)
+        return self.share * self.gain * self.raw
 
 
 class Parametrisation:
@@ -1087,7 +1087,7 @@ def evolution(search: TrajectorySearch, rng: np.random.Generator) -> None:
     """CMA-ES [hansen2016] by the package ``cma``, from the best of random candidates; started anew if it stalls."""
     import cma
 
-    options: dict[str, Any] = {
+    options = {
         "verbose": -9,
         "seed": np.nan,  # the generator that is passed in draws, not numpy's global one
         "randn": lambda *shape: rng.standard_normal(shape),
@@ -1101,7 +1101,7 @@ def evolution(search: TrajectorySearch, rng: np.random.Generator) -> None:
             candidates = strategy.ask()
             scores = []
             for x in candidates:
-                scores.append(search.score(np.asarray(x)))
+                scores.append(search.score(x))
                 if search.spent:
                     return
             strategy.tell(candidates, scores)

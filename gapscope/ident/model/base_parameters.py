@@ -498,7 +498,7 @@ def recoveries(
     expressions = base.expressions()
     out = []
     for j, name in enumerate(base.names):
-        deviation: float | None = None
+        deviation = None
         status, reason = HIDDEN, "no torque in these recordings depends on it"
         # beyond rounding of a URDF, part of it lies outside what the torque depends on
         if inside[j] >= 1 - DEPENDENT:

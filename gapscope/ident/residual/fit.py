@@ -221,7 +221,7 @@ def project_heads(
     turned = np.concatenate([heads[joint].turned for joint in weights])
     inside = sum(heads[joint].inside @ w for joint, w in weights.items())
     # in z = L^T dw the least change is the solution of least norm
-    z = np.linalg.lstsq(turned.T, -np.asarray(inside), rcond=1e-12)[0]
+    z = np.linalg.lstsq(turned.T, -inside, rcond=1e-12)[0]
     cuts = np.cumsum([len(w) for w in weights.values()])[:-1]
     changes = zip(weights, np.split(z, cuts), strict=True)
     return {
@@ -256,7 +256,7 @@ def parameter_moves(
     spread = np.einsum("mnk,mnl,n->kl", by_joint, by_joint, noise)
     variance = np.diag(gram @ spread @ gram)
     move = gram @ (unit.T @ torque.ravel())
-    return np.asarray(np.abs(move) / np.sqrt(np.clip(variance, TINY, None)))
+    return np.abs(move) / np.sqrt(np.clip(variance, TINY, None))
 
 
 # Columns of the physics: what effects and inertial parameters can explain, which a network must not learn.
@@ -440,7 +440,7 @@ class ResidualRows:
         """Each row as the members that held it out predict it, from the outputs of all, (M, N, ...); (N, ...)."""
         held = self.held.reshape(*self.held.shape, *[1] * (outputs.ndim - 2))
         total = np.maximum(held.sum(axis=0), 1)
-        return np.asarray((outputs * held).sum(axis=0) / total)
+        return (outputs * held).sum(axis=0) / total
 
 
 def rows_of(
@@ -494,7 +494,7 @@ def _group_weights(residual: np.ndarray, group: np.ndarray) -> np.ndarray:
     square = np.stack([(residual[group == g] ** 2).mean(axis=0) for g in groups])
     square = np.maximum(square, QUIET**2 * square.max(axis=0))
     weight = 1.0 / np.sqrt(np.maximum(square, TINY))[place]
-    return np.asarray(weight / np.sqrt((weight**2).mean(axis=0)))
+    return weight / np.sqrt((weight**2).mean(axis=0))
 
 
 def _inputs(trajectories: Sequence[Trajectory], settings: ResidualSettings) -> Inputs:
@@ -1023,9 +1023,9 @@ def fit_residual(
         network, report = free if better else strict
         return network, replace(report, closed_apart=by_apart)
     rows = rows_of(trajectories, settings)
-    networks: list[Network] = []
-    closed: list[np.ndarray] = []
-    gain: list[np.ndarray] = []
+    networks = []
+    closed = []
+    gain = []
     for form in settings.forms:
         if form == ADDITIVE:
             trained = fit_additive(rows, settings.seed, progress)
@@ -1227,7 +1227,7 @@ def torque_left(
         if predict is not None:
             said = low_pass(predict(x.motion, x.load), x.motion.rate, TORQUE_CUTOFF)
         left.append((x.residual - said)[x.rows])
-    return np.asarray(np.sqrt((np.concatenate(left) ** 2).mean(axis=0)))
+    return np.sqrt((np.concatenate(left) ** 2).mean(axis=0))
 
 
 def boosted_trees(rows: ResidualRows) -> Predict:
