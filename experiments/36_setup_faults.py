@@ -57,15 +57,18 @@ from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.references import find_reference_faults
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.setup_faults import (
-    FAULTS,
     CoarseReference,
     Fault,
     GainMismatch,
     GravityCompensatedTorque,
     IgnoredVelocityReference,
+    JointSwap,
     LateTorque,
+    ShiftedInertials,
+    SignFlip,
     SpeedScaling,
     TorqueUnit,
+    UnitMismatch,
     UnmeasuredTorque,
     VelocityOfReference,
     ZeroOffset,
@@ -294,9 +297,9 @@ def drawn() -> None:
         for name in REAL:
             case = load_carrier(name, Path(folder) / name)
             counts["false"] += bool(find_setup_faults(case))
-            for fault, seed in itertools.product(TOLD_BY_TORQUE, range(2)):
+            for fault, seed in itertools.product(DRAWS, range(2)):
                 rng = np.random.default_rng([seed, crc32((name + fault).encode())])
-                put_in = FAULTS[fault].draw(rng, case.arm.n_joints)
+                put_in = DRAWS[fault](rng, case.arm.n_joints)
                 found = find_setup_faults(put_in.in_case(case, rng, case.arm))
                 joints = {one.name: one.joints for one in found}
                 counts["faults"] += 1
@@ -307,17 +310,65 @@ def drawn() -> None:
     print(dict(counts))
 
 
-TOLD_BY_TORQUE = (
-    "sign_flip",
-    "joint_swap",
-    "unit_mismatch",
-    "zero_offset",
-    "gravity_compensated_torque",
-    "torque_unit",
-    "late_torque",
-    "shifted_inertials",
-)
-"""Faults that are drawn: those that the torque tells."""
+def drawn_flip(rng: np.random.Generator, n: int) -> Fault:
+    """One joint."""
+    return SignFlip((int(rng.integers(n)) + 1,), str(rng.choice(SignFlip.variants)))
+
+
+def drawn_swap(rng: np.random.Generator, n: int) -> Fault:
+    """Two joints that follow each other, as cables in the wrong order have it."""
+    first = int(rng.integers(1, n))
+    return JointSwap((first, first + 1), str(rng.choice(JointSwap.variants)))
+
+
+def drawn_unit(rng: np.random.Generator, n: int) -> Fault:
+    """All joints, with one gear ratio, which is round."""
+    variant = str(rng.choice(UnitMismatch.variants))
+    ratio = np.round(rng.uniform(*UnitMismatch.parameters[0].typical))
+    return UnitMismatch(variant, ratio=float(ratio))
+
+
+def drawn_zero(rng: np.random.Generator, n: int) -> Fault:
+    """One joint, by a quarter of a turn either way or by half a turn."""
+    joint = int(rng.integers(n)) + 1
+    return ZeroOffset((joint,), float(rng.choice([-1, 1, 2])) * np.pi / 2)
+
+
+def drawn_torque_unit(rng: np.random.Generator, n: int) -> Fault:
+    """Currents of motors of two sizes, or commands of the first joints times a round number."""
+    variant = str(rng.choice(TorqueUnit.variants))
+    if variant == "command_scale":
+        count = int(rng.integers(1, max(n, 2)))
+        times = float(rng.choice([4.0, 10.0, 0.25, 0.1]))
+        return TorqueUnit(variant, tuple(range(1, count + 1)), (1.0 / times,))
+    large = float(np.exp(rng.uniform(np.log(2.5), np.log(20.0))))
+    small = large * float(rng.uniform(0.4, 0.9))
+    halves = [large if 2 * j < n else small for j in range(n)]
+    return TorqueUnit(variant, factor=tuple(halves))
+
+
+def drawn_late(rng: np.random.Generator, n: int) -> Fault:
+    """Either kind, of a usual delay."""
+    variant = str(rng.choice(LateTorque.variants))
+    return LateTorque(variant, float(rng.uniform(*LateTorque.parameters[0].typical)))
+
+
+def drawn_shift(rng: np.random.Generator, n: int) -> Fault:
+    """One link up or down the chain."""
+    return ShiftedInertials(int(rng.choice([-1, 1])), bool(rng.integers(2)))
+
+
+DRAWS: dict[str, Callable[[np.random.Generator, int], Fault]] = {
+    "sign_flip": drawn_flip,
+    "joint_swap": drawn_swap,
+    "unit_mismatch": drawn_unit,
+    "zero_offset": drawn_zero,
+    "gravity_compensated_torque": lambda rng, n: GravityCompensatedTorque(),
+    "torque_unit": drawn_torque_unit,
+    "late_torque": drawn_late,
+    "shifted_inertials": drawn_shift,
+}
+"""Faults that the torque tells, as real set-ups have them: how each is drawn on an arm of n joints."""
 
 # References, gains, zeros and gravity
 

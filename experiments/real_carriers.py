@@ -23,13 +23,13 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json
-from gapscope.arm.io.write_case import write_case
+from gapscope.arm.io.write_case import nominal_section, write_case
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.blind_check.generator.recorded import at_samples, smooth_motion
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings
-from gapscope.ident.identification_json import effects, identified_bodies, sheet
+from gapscope.ident.identification_json import effects, identified_bodies, with_sheet
 from gapscope.ident.model.physical_parameters import urdf_text
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
@@ -90,7 +90,7 @@ def identified(case: Case, other: Case, folder: Path) -> None:
         aside.write_text(
             urdf_text(result.case.arm, identified_bodies(result)), encoding="utf-8"
         )
-    stated = sheet(result)
+    stated = nominal_section(with_sheet(result))
     # the other case declares the same coupled motors
     stated.pop("coupling", None)
     given = {k: np.array(v) for k, v in stated.items() if isinstance(v, list)}

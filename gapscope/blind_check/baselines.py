@@ -83,7 +83,7 @@ def design(folder: Path) -> Design:
     case = load_case(folder)
     arm = case.arm
     cutoff = position_cutoff(case.recordings)
-    segments: list[Segment] = []
+    segments = []
     for recording in case.recordings:
         if recording.tau is not None:
             segments += condition(recording, cutoff)
@@ -136,7 +136,7 @@ Columns = list[tuple[DesignColumn, np.ndarray]]
 def _columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
     """All columns of an arm with n joints, before scaling."""
     joints = tuple(range(1, n + 1))
-    out: Columns = []
+    out = []
     # effects on the torque of their own joint: one prediction gives the columns of all joints
     for effect, step in STEPS.items():
         values = {name: np.full(n, value) for name, value in step.items()}
@@ -431,5 +431,5 @@ def train(x: np.ndarray, names: Sequence[str]) -> Any:
     with warnings.catch_warnings():
         # the penalty, not the end of the search, keeps the network from overfitting
         warnings.simplefilter("ignore", ConvergenceWarning)
-        network.fit(x, np.asarray(names))
+        network.fit(x, names)
     return network

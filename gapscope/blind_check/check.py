@@ -517,8 +517,13 @@ def run(
         failed += bool(problem)
         why = f": {problem}" if problem else ""
         progress(f"{done} of {len(folders)} done, {name}{why}")
-    # after the last case: hashes of all of them, failed ones too
-    _close(out, [folder.name for folder in folders])
+    # after the last case: hashes of all of them, failed ones too, and once more of the source, so that the scorer sees
+    # what was touched
+    content = json.loads((out / FROZEN).read_text(encoding="utf-8"))
+    names = (folder.name for folder in folders)
+    content["diagnoses"] = {name: diagnosis_hash(out / name) for name in names}
+    content["source_sha256_at_the_end"] = source_hash()
+    write_json(content, out / FROZEN)
     return failed
 
 
@@ -571,14 +576,6 @@ def _diagnosed(case: Path, out: Path) -> tuple[str, str]:
         {"seconds": round(time.perf_counter() - begin, 2), "error": problem}, out / DONE
     )
     return case.name, "" if problem is None else problem.splitlines()[0]
-
-
-def _close(out: Path, names: list[str]) -> None:
-    """Add the hash of each diagnosis and, once more, of the source, so that the scorer sees what was touched."""
-    content = json.loads((out / FROZEN).read_text(encoding="utf-8"))
-    content["diagnoses"] = {name: diagnosis_hash(out / name) for name in names}
-    content["source_sha256_at_the_end"] = source_hash()
-    write_json(content, out / FROZEN)
 
 
 def diagnosis_hash(folder: Path) -> str | None:

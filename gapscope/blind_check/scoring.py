@@ -69,7 +69,7 @@ BINS = 10
 def reliability(probability: np.ndarray, right: np.ndarray) -> list[dict[str, float]]:
     """Per bin of probability that holds findings: its edges, how many, mean probability, share that is right."""
     # a probability of one belongs to the last bin
-    bin_of = np.minimum((np.asarray(probability) * BINS).astype(int), BINS - 1)
+    bin_of = np.minimum((probability * BINS).astype(int), BINS - 1)
     rows = []
     for k in np.unique(bin_of).tolist():
         inside = bin_of == k
@@ -174,7 +174,7 @@ CLASSES = (
 
 def named(entry: dict[str, Any]) -> Named:
     """An entry of ``effects`` of a label or a diagnosis."""
-    link: Any = 0
+    link = 0
     if entry["effect"] == "link_inertia":
         link = entry.get("parameters", {}).get("link", {}).get("value", 0)
     # a link is a parameter like others: its value may be a list
@@ -651,7 +651,7 @@ def score(
         for name, label in truth.items()
     )
     compared = tuple(Parallel(n_jobs=jobs)(work))
-    figures: dict[str, Any] = {
+    figures = {
         "schema": 1,
         "frozen": _frozen(results, truth),
         "plan": content["plan"],
@@ -720,19 +720,15 @@ def _baselines(
         answers[method] = {
             k: None if x is None else function(x) for k, x in designs.items()
         }
-    return {
-        method: _method_figures([compare(k, truth[k], own[k]) for k in truth])
-        for method, own in answers.items()
-    }
-
-
-def _method_figures(compared: list[Compared]) -> dict[str, Any]:
-    """Figures of one plain method."""
-    return {
-        "by_kind": _split(compared, lambda c: c.kind, ordered=False),
-        "healthy": healthy([case for case in compared if case.kind == "healthy"]),
-        "unknown": unknown(compared),
-    }
+    figures = {}
+    for method, own in answers.items():
+        compared = [compare(k, truth[k], own[k]) for k in truth]
+        figures[method] = {
+            "by_kind": _split(compared, lambda c: c.kind, ordered=False),
+            "healthy": healthy([case for case in compared if case.kind == "healthy"]),
+            "unknown": unknown(compared),
+        }
+    return figures
 
 
 def _designs(cases: Path, names: list[str], jobs: int) -> list[Design | None]:

@@ -205,7 +205,7 @@ class CorrectedArm:
             # what acts on a link or the arm has no value per joint
             if quantity == name and applied.joints
         ]
-        return np.asarray(sum(added, nominal))
+        return sum(added, nominal)
 
     def passive(self, name: str, where: str = "") -> np.ndarray:
         """A quantity that may not be negative in total, a key of ``NOT_NEGATIVE``, of joints or coupled motors, (n,).
@@ -389,7 +389,7 @@ class CorrectedArm:
         for law, values in laws:
             signals = Signals(motion.t[:, None], position, speed, torque, direction)
             torque = torque + law.law(signals, *values)
-        return np.asarray(torque @ drives)
+        return torque @ drives
 
     def drift(self, t: np.ndarray) -> np.ndarray | float:
         """Factor of all friction at times t [s] of shape (N,); 1 or shape (N, n)."""

@@ -55,7 +55,7 @@ def write_corrected(
     Raises:
         GapscopeError: the file cannot be written.
     """
-    content: dict[str, Any] = {
+    content = {
         "schema": 1,
         "case": case,
         "effects": [

@@ -74,7 +74,7 @@ class SpringRecursion:
         right = np.concatenate([start[None], start[None], pushed])
         flat = right.reshape(-1, right.shape[2])
         found, _ = dtbtrs(self._band, flat, uplo="L", diag="U")
-        return np.asarray(found).reshape(right.shape)
+        return found.reshape(right.shape)
 
 
 def _inverse(blocks: np.ndarray) -> np.ndarray:
@@ -83,7 +83,7 @@ def _inverse(blocks: np.ndarray) -> np.ndarray:
         return np.linalg.inv(blocks)
     if not blocks.all():
         raise np.linalg.LinAlgError("no inertia, damping or stiffness")
-    return np.asarray(1.0 / blocks)
+    return 1.0 / blocks
 
 
 def _band(now: np.ndarray, before: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ def through_springs(
         stiffness, damping: per joint [N m/rad], [N m s/rad], shape (n,); 0 if there is no spring.
     """
     springs = Springs(matrices, motion, torque, stiffness, damping)
-    return np.asarray(torque - springs.of_bodies(springs.delta[:, :, None])[:, :, 0])
+    return torque - springs.of_bodies(springs.delta[:, :, None])[:, :, 0]
 
 
 class Springs:
@@ -213,7 +213,7 @@ class Springs:
             matrix[:, :, self.elastic] @ x[:: self._parts]
             for matrix, x in zip(self._matrices, rates, strict=True)
         ]
-        return np.asarray(sum(parts))
+        return sum(parts)
 
 
 def _moves_at_first(motion: Motion) -> float:

@@ -96,6 +96,8 @@ def drift_change(
     return np.where(present, amplitude, 0.0) * decay
 
 
+SATURATION_SPEEDS = Grid(0.1, 0.7, (0.1, 0.7), unit="largest speed", points=10)
+"""Speeds over which friction may saturate."""
 PRESLIDING_DISTANCES = (1e-5, 2e-5, 3e-5, 6e-5, 1e-4, 3e-4)
 """Distances over which dry friction may build up after a reversal: teeth and grease bend [rad]. (physical)"""
 COULOMB_TORQUE = Parameter(
@@ -213,7 +215,7 @@ SATURATING = DryLaw(
         "torque",
         "velocity",
         # below a tenth of the largest speed it cannot be told from Coulomb friction, far above from viscous friction
-        Grid(0.1, 0.7, (0.1, 0.7), unit="largest speed", points=10),
+        SATURATION_SPEEDS,
         lowest=0.0,
     ),
     severity=drawn(

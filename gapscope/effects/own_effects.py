@@ -285,7 +285,7 @@ def _trials(effect: Effect) -> list[_Trial]:
         return (Signals(time[k], q[k], dq[k], load[k]),)
 
     place, recorded = "position [rad]", "the torque recorded [N m], a Series"
-    known: dict[type[Effect], list[_Trial]] = {
+    known = {
         TorqueLaw: [_Trial("law", "Signals", signals, none)],
         DryLaw: [
             _Trial(

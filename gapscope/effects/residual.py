@@ -6,7 +6,7 @@ import itertools
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -189,7 +189,7 @@ class Inputs:
         # the spacing need not be a whole number of samples: a line in between
         between = (1.0 - part) * series[:, before] + part * series[:, after]
         scaled = between - self.mean[:, None, None]
-        return np.asarray(scaled / self.std[:, None, None])
+        return scaled / self.std[:, None, None]
 
 
 def channels(motion: Motion, load: np.ndarray) -> np.ndarray:
@@ -354,8 +354,7 @@ class Trust(NamedTuple):
     def factor(self, now: np.ndarray) -> np.ndarray:
         """Trust, (n, N), of inputs (n, N, C)."""
         u = np.clip(self.distance(now) / self.radius[:, None] - 1.0, 0.0, 1.0)
-        trust: np.ndarray = 1.0 - u * u * (3.0 - 2.0 * u)
-        return trust
+        return 1.0 - u * u * (3.0 - 2.0 * u)
 
 
 def nearest(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -553,7 +552,7 @@ def write_residual(residual: ResidualNetwork, path: Path | str) -> None:
         GapscopeError: the file cannot be written.
     """
     inputs = residual.inputs
-    arrays: dict[str, Any] = {
+    arrays = {
         "schema": SCHEMA,
         **{name: getattr(inputs, name) for name in ("taps", "spacing", "mean", "std")},
         "forms": [network.form for network in residual.networks],

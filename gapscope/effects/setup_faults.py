@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -90,13 +90,6 @@ class Fault:
             check_known("variant", variant, self.variants, where=self.name)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> Fault:
-        """A fault as real set-ups have it, on an arm with n joints: any variant, values in their typical ranges."""
-        variant = {"variant": str(rng.choice(cls.variants))} if cls.variants else {}
-        values = {p.name: float(rng.uniform(*p.typical)) for p in cls.parameters}
-        return cls(**variant, **values)
-
-    @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
         """The faults of this kind that may be in a case, continuous values at some starts; none if others find it."""
         return []
@@ -173,7 +166,7 @@ class Fault:
         """The same fault on its own joints and those of another, in order."""
         joints = np.array(self.kind[2] + other.kind[2])
         order = np.argsort(joints)
-        changed: dict[str, Any] = {"joints": tuple(joints[order].tolist())}
+        changed = {"joints": tuple(joints[order].tolist())}
         theirs = other.values()
         for name, own in self.values().items():
             changed[name] = tuple(np.array(own + theirs[name])[order].tolist())
@@ -248,11 +241,6 @@ class SignFlip(Fault):
     variant: str = "torque"
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> SignFlip:
-        """One joint."""
-        return cls((int(rng.integers(n_joints)) + 1,), str(rng.choice(cls.variants)))
-
-    @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
         """Every joint in every way, and torques of two joints and of all.
 
@@ -299,12 +287,6 @@ class JointSwap(Fault):
     variant: str = "torque"
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> JointSwap:
-        """Two joints that follow each other, as cables in the wrong order have it."""
-        first = int(rng.integers(1, n_joints))
-        return cls((first, first + 1), str(rng.choice(cls.variants)))
-
-    @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
         """Every pair in either way."""
         pairs = list(itertools.combinations(range(1, look.n + 1), 2))
@@ -347,14 +329,6 @@ class UnitMismatch(Fault):
     variant: str
     joints: tuple[int, ...] = ()
     ratio: Values = 100.0
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> UnitMismatch:
-        """All joints, with one gear ratio."""
-        variant = str(rng.choice(cls.variants))
-        # gears have round ratios
-        ratio = np.round(rng.uniform(*cls.parameters[0].typical))
-        return cls(variant, ratio=float(ratio))
 
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
@@ -421,12 +395,6 @@ class ZeroOffset(Fault):
     )
     joints: tuple[int, ...]
     offset: Values
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> ZeroOffset:
-        """One joint, by a quarter of a turn either way or by half a turn."""
-        joint = int(rng.integers(n_joints)) + 1
-        return cls((joint,), float(rng.choice([-1, 1, 2])) * np.pi / 2)
 
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
@@ -496,19 +464,6 @@ class TorqueUnit(Fault):
     variant: str
     joints: tuple[int, ...] = ()
     factor: Values = (10.0,)
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> TorqueUnit:
-        """Currents of motors of two sizes, or commands of the first joints times a round number."""
-        variant = str(rng.choice(cls.variants))
-        if variant == "command_scale":
-            count = int(rng.integers(1, max(n_joints, 2)))
-            times = float(rng.choice([4.0, 10.0, 0.25, 0.1]))
-            return cls(variant, tuple(range(1, count + 1)), (1.0 / times,))
-        large = float(np.exp(rng.uniform(np.log(2.5), np.log(20.0))))
-        small = large * float(rng.uniform(0.4, 0.9))
-        halves = [large if 2 * j < n_joints else small for j in range(n_joints)]
-        return cls(variant, factor=tuple(halves))
 
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
@@ -637,17 +592,6 @@ class TimeStamps(Fault):
     amount: float
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> TimeStamps:
-        """A few per cent lost or repeated, a tenth to a third of jitter, or a rate of which one is the double."""
-        variant = str(rng.choice(cls.variants))
-        if variant == "wrong_rate":
-            return cls(variant, float(rng.choice([0.5, 0.8, 1.25, 2.0])))
-        if variant == "torque_clock":
-            return cls(variant, float(rng.choice([0.99, 0.995, 1.005, 1.01])))
-        low, high = (0.1, 0.3) if variant == "jitter" else (0.01, 0.05)
-        return cls(variant, float(rng.uniform(low, high)))
-
-    @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
         """Wrong rates; all else shows in the recordings themselves."""
         # recorded velocities, or a rate put right, have settled it already
@@ -765,11 +709,6 @@ class SpeedScaling(Fault):
     parameters = (Parameter("factor", "s", "1", (0.02, 5.0), (0.1, 0.9)),)
     factor: float
 
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> SpeedScaling:
-        """A slider between a third and nine tenths."""
-        return cls(float(rng.uniform(0.33, 0.9)))
-
     def reading(self, n: int) -> Reading:
         """With the reference at the arm's pace, as long as it lasts."""
         return Reading.identity(n, pace=self.factor)
@@ -813,12 +752,6 @@ class CoarseReference(Fault):
     parameters = (Parameter("period", "T", "s", (1e-3, 1.0), (0.02, 0.1)),)
     variant: str
     period: float
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> CoarseReference:
-        """Set points at 10 to 50 Hz."""
-        period = float(rng.choice([0.02, 0.04, 0.1]))
-        return cls(str(rng.choice(cls.variants)), period)
 
     def reading(self, n: int) -> Reading:
         """With a smooth reference through the set points."""
@@ -882,14 +815,6 @@ class GainMismatch(Fault):
     kp_factor: Values
     kd_factor: Values
     joints: tuple[int, ...] = ()
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> GainMismatch:
-        """All joints, each gain off by a factor of 1.5 to 10 either way."""
-        size = np.exp(rng.uniform(np.log(1.5), np.log(10.0), 2))
-        # either way by the same ratio
-        factors = size ** rng.choice([-1, 1], 2)
-        return cls((float(factors[0]),), (float(factors[1]),))
 
     def reading(self, n: int) -> Reading:
         """With the gains at work."""
@@ -974,11 +899,6 @@ class ShiftedInertials(Fault):
     parameters = (Parameter("by", "k", "1", (-6.0, 6.0), (-1.0, 1.0)),)
     by: int = 1
     moved_only: bool = False
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, n_joints: int) -> ShiftedInertials:
-        """One link up or down the chain."""
-        return cls(int(rng.choice([-1, 1])), bool(rng.integers(2)))
 
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:

@@ -126,7 +126,7 @@ def _by_spring(
         columns[:, :, place] * ((ends[0][name] - ends[1][name]) / (2 * step))
         for columns, name in zip(springs.columns, effect.names, strict=True)
     ]
-    return np.asarray(sum(parts))
+    return sum(parts)
 
 
 def backlash_columns(effect: Transmission, at: Mechanics, x: np.ndarray) -> np.ndarray:

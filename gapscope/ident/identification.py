@@ -231,7 +231,7 @@ def _reduced(
 
     def equations(segment: Segment, motion: Motion) -> np.ndarray:
         known = replace(segment, motion=motion).known_torque(body)
-        torque = np.asarray(segment.torque) - known
+        torque = segment.torque - known
         # dry friction sees speeds and distances alone, which a zero does not change
         dry = columns.dry(segment.motion, law)
         parts = [columns.smooth(motion), dry, torque[:, :, None]]
@@ -256,16 +256,12 @@ def _reduced(
     penalties = np.column_stack([np.diag(pull), pull * target])
     gram += penalties.T @ penalties
     # rows below those of x hold what x cannot explain: [S, y] in n + 1 directions
-    rest = _triangular(gram)[p:, p:]
-    return _Reduced(value, rest[:, -1], -rest[:, :-1])
-
-
-def _triangular(gram: np.ndarray) -> np.ndarray:
-    """Upper triangular R with R^T R the Gram matrix, of columns that differ by orders of magnitude."""
+    # of upper triangular R with R^T R the Gram matrix, of columns that differ by orders of magnitude
     unit = np.sqrt(np.maximum(np.diag(gram), TINY))
     scaled = gram / unit[:, None] / unit
     # a little weight keeps the factor real where columns depend on each other to rounding
-    return cholesky(scaled + 1e-13 * np.eye(len(gram))) * unit
+    rest = (cholesky(scaled + 1e-13 * np.eye(len(gram))) * unit)[p:, p:]
+    return _Reduced(value, rest[:, -1], -rest[:, :-1])
 
 
 # Identification: parameters fitted to recordings, what they are worth, and what makes them doubtful.
@@ -362,7 +358,7 @@ class FittedParameters:
     @property
     def fitted_torque(self) -> np.ndarray:
         """Torque by the estimate in the band [N m], shape (M, n)."""
-        return np.asarray(self.matrix[:, :, self.base.kept] @ self.estimate.value)
+        return self.matrix[:, :, self.base.kept] @ self.estimate.value
 
     @property
     def measured(self) -> list[Recording]:
@@ -391,10 +387,17 @@ def fit_parameters(
     fit, held_out = split(case, settings.judge)
     check_recordings(fit, held_out, case)
     # one cut-off for all recordings, so that their equations are comparable
-    if settings.cutoff is None:
-        settings = replace(settings, cutoff=position_cutoff(tuple(fit)))
-    samples = _samples(case, fit, settings)
-    columns = samples.columns
+    cutoff = settings.cutoff
+    if cutoff is None:
+        cutoff = position_cutoff(tuple(fit))
+        settings = replace(settings, cutoff=cutoff)
+    band = Band(cutoff, settings.trim)
+    columns = ModelColumns(case.arm)
+    segments = band.segments(fit)
+    samples = Samples(columns, segments, band.bounded(segments))
+    # whether the samples suffice is known with the simplest friction law
+    simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
+    check_count(samples, simplest.count, fit[0].name)
     progress("chooses the form of the friction")
     # what simulates an arm knows Coulomb and viscous friction alone
     rich = settings.estimator not in SIMULATING
@@ -452,21 +455,6 @@ def fit_parameters(
         penalty=penalty,
         physical=physical,
     )
-
-
-def _samples(
-    case: Case, fit: Sequence[Recording], settings: IdentificationSettings
-) -> Samples:
-    """Samples of the recordings to fit, enough of them."""
-    assert settings.cutoff is not None
-    band = Band(settings.cutoff, settings.trim)
-    columns = ModelColumns(case.arm)
-    segments = band.segments(fit)
-    samples = Samples(columns, segments, band.bounded(segments))
-    # whether the samples suffice is known with the simplest friction law
-    simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
-    check_count(samples, simplest.count, fit[0].name)
-    return samples
 
 
 def _places(keep: Sequence[str], names: Sequence[str], n_joints: int) -> list[int]:
@@ -638,7 +626,7 @@ def validate(
         predict: the identified model, segment to torque [N m], (N, n).
         nominal: the nominal arm, likewise.
     """
-    parts: list[tuple[np.ndarray, ...]] = []
+    parts = []
     for segment in segments:
         rows = band.rows(segment)
         motion = segment.motion
@@ -749,7 +737,7 @@ class Identification(FittedParameters):
 
     def predict(self, motion: Motion) -> np.ndarray:
         """Torque that would be recorded on a motion without payload [N m], shape (N, n)."""
-        return np.asarray(self.columns.matrix(motion, self.choice.law) @ self.value)
+        return self.columns.matrix(motion, self.choice.law) @ self.value
 
 
 def identify(
@@ -781,7 +769,7 @@ def examine_fit(
     # part of the samples cannot be simulated: what they determine is asked of least squares then
     simulates = settings.estimator in SIMULATING
     estimator = weighted_least_squares if simulates else fitted.estimator
-    reasons: list[str] = []
+    reasons = []
     # a part that fails leaves a sentence; the others are still worth having
     essential, groups, interval = None, None, None
     try:
@@ -804,7 +792,10 @@ def examine_fit(
             "without one of its segments the rest does not determine the parameters; record more motions"
         )
     counted = count_samples(samples, base.count)
-    value = model_value(fitted, settings.estimator, fitted.estimate.value)
+    value = fitted.physical.value
+    # others give base parameters alone; what the motion did not excite stays nominal
+    if settings.estimator != "consistent":
+        value = base.nearest(fitted.estimate.value, columns.nominal(law))
     progress("validates")
     # what was held out goes through the same band as what was fitted
     held_out = samples.band.segments(fitted.held_out)
@@ -900,17 +891,6 @@ def _essential(fitted: FittedParameters) -> EssentialParameters:
     return essential_parameters(factor, problem.names, inflation)
 
 
-def model_value(
-    fitted: FittedParameters, estimator: str, beta: np.ndarray
-) -> np.ndarray:
-    """The x that an estimator's model predicts with, (p,), from its base parameters, (b,)."""
-    if estimator == "consistent":
-        return fitted.physical.value
-    # others give base parameters alone; what the motion did not excite stays nominal
-    nominal = fitted.columns.nominal(fitted.choice.law)
-    return fitted.base.nearest(beta, nominal)
-
-
 def validated(
     fitted: FittedParameters,
     value: np.ndarray,
@@ -922,7 +902,7 @@ def validated(
 
     def predict(x: np.ndarray, segment: Segment) -> np.ndarray:
         load = segment.known_torque(columns.body)
-        return np.asarray(columns.matrix(segment.motion, law) @ x + load)
+        return columns.matrix(segment.motion, law) @ x + load
 
     both = partial(predict, value), partial(predict, columns.nominal(law))
     return validate(role, segments, fitted.samples.band, *both)
@@ -1106,9 +1086,17 @@ def troubleshooting(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row
         check="lag of the torque estimated together with the parameters, if it exceeds five standard deviations",
         remedy="put both on one clock: import: {join: interpolate}, or shift one; then `gapscope diagnose` for a delay",
     )
+    limit, at_limit = fitted.case.arm.torque_limit, []
+    for recording in fitted.measured:
+        tau = np.asarray(recording.tau)
+        # in any case if it stands at its largest or smallest value for longer than its values usually last
+        clipped = held_torque(recording.t, recording.q, tau).clipped
+        if limit is not None:
+            clipped = clipped | (np.abs(tau) >= AT_LIMIT * limit)
+        at_limit.append(clipped)
     yield _row(
         "saturated_torque",
-        _clipped(fitted.measured, fitted.case.arm.torque_limit),
+        np.concatenate(at_limit).mean(axis=0),
         0.005,
         symptom="inertia and friction too small, flat tops",
         cause="torque at the drive's limit",
@@ -1143,7 +1131,7 @@ def _time_offset(fit: FittedParameters) -> tuple[np.ndarray, np.ndarray]:
     unit = column_norms(flat)
     factor = Factor.of(flat / unit, residual.ravel())
     # columns that depend on each other to rounding share, instead of growing
-    inverse: np.ndarray = np.linalg.pinv(factor.triangle, rcond=1e-9)
+    inverse = np.linalg.pinv(factor.triangle, rcond=1e-9)
     solution, spread = inverse @ factor.rotated, np.linalg.norm(inverse, axis=1)
     # samples at rest have no weight: they do not count in the mean of the squares either
     counted = np.maximum(moving.mean(axis=0), 1 / len(moving))
@@ -1192,22 +1180,6 @@ def _spectral(
         speed += (velocity_power * density)[inside].sum(axis=0)
     noise_share = np.sqrt(noise / np.maximum(acceleration, TINY))
     return noise_share, lost / np.maximum(speed + lost, TINY)
-
-
-def _clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.ndarray:
-    """Share of the samples at which a joint's torque is at its limit [1], shape (n,).
-
-    At ``AT_LIMIT`` of the limit [N m] if the data sheet has one; and in any case if the torque stands at its largest or
-    smallest value for longer than its values usually last.
-    """
-    counted = []
-    for recording in recordings:
-        tau = np.asarray(recording.tau)
-        at_limit = held_torque(recording.t, recording.q, tau).clipped
-        if limit is not None:
-            at_limit = at_limit | (np.abs(tau) >= AT_LIMIT * limit)
-        counted.append(at_limit)
-    return np.asarray(np.concatenate(counted).mean(axis=0))
 
 
 def _doubts_by_symptoms(

@@ -23,6 +23,7 @@ from gapscope.ident.identification import Identification
 from gapscope.ident.kalman import FilterReview, StatesAndFriction, Track
 from gapscope.ident.samples import MOVING, PULLS
 from gapscope.model.changes import change_findings
+from gapscope.model.conditioning import MIN_FLOOR
 
 # The document of an identification, with what was examined and filtered.
 
@@ -165,7 +166,7 @@ def document(
     arm, base, physical = result.case.arm, result.base, result.physical
     settings, choice, law = result.settings, result.choice, result.choice.law
     value, zeros = result.estimate.value, result.zeros
-    columns: dict[str, Iterable[Any]] = {
+    columns = {
         "expression": base.expressions(),
         "value": value,
         "std": result.uncertainty.deviation,
@@ -266,8 +267,6 @@ def _change(entry: dict[str, Any]) -> dict[str, Any]:
 # rotor and friction of coupled motors are effects. How it builds up stands beside them.
 
 
-UNNOTICED = 1e-9
-"""Offsets and friction below this are not written [N m]."""
 DRIVES = {"o": "offset", "d": "breakaway", "s": "saturating"}
 """Quantity of a joint that is an effect, by the symbol of its column."""
 COUPLED = {
@@ -308,11 +307,6 @@ def with_sheet(result: Identification) -> NominalArm:
     return replace(arm, armature=joints("I"), coulomb=joints("c"), viscous=joints("b"))
 
 
-def sheet(result: Identification) -> dict[str, Any]:
-    """The ``nominal:`` section of an identified arm."""
-    return nominal_section(with_sheet(result))
-
-
 def effects(result: Identification) -> tuple[AppliedEffect, ...]:
     """Offsets, Stribeck and saturating friction, rotors and friction of coupled motors as effects."""
     columns, law, named = result.columns, result.choice.law, _named(result)
@@ -329,7 +323,7 @@ def effects(result: Identification) -> tuple[AppliedEffect, ...]:
     for quantities, places in (*motors, (DRIVES, list(range(n)))):
         for symbol, quantity in quantities.items():
             values = np.array([named.get(f"{symbol}{labels[k]}", 0.0) for k in places])
-            some = np.flatnonzero(np.abs(values) > UNNOTICED)
+            some = np.flatnonzero(np.abs(values) > MIN_FLOOR)
             chosen = [places[i] for i in some]
             own = {quantity: values[some]}
             if symbol in speeds:

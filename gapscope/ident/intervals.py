@@ -43,6 +43,7 @@ from gapscope.model.effective_samples import (
     variance_inflation,
 )
 from gapscope.model.equations import ROUNDS, SETTLED
+from gapscope.model.rows import MIN_MOTIONS
 
 # Form error of an identification: what no column has of the friction that an arm has.
 #
@@ -87,34 +88,15 @@ def form_columns(samples: Samples) -> tuple[np.ndarray, ...]:
     return tuple(np.split(every, ends, axis=2))
 
 
-@dataclass(frozen=True)
-class FormError:
-    """What a problem of n joints leaves beside its columns, as noise and as unknown functions.
-
-    Attributes:
-        noise: e [N m], (N, n).
-        moment: E[u u^T] of all functions, joint by joint, as the data leave it, (n K, n K).
-    """
-
-    noise: np.ndarray
-    moment: np.ndarray
-
-    def covariance(self, left: np.ndarray, problem: Problem) -> np.ndarray:
-        """Of an estimate that makes Z^T (y - W beta) zero, by the unknown functions, (b, b); Z of shape (N, n, b)."""
-        functions = np.concatenate(problem.forms, axis=2)
-        gram = np.einsum("nja,njb->ab", left, problem.matrix, optimize=True)
-        scores = [left[:, j].T @ functions[:, j] for j in range(problem.n_joints)]
-        # least squares hands f on as (Z^T W)^-1 Z^T f
-        pull = np.linalg.solve(gram, np.hstack(scores))
-        return np.asarray(pull @ self.moment @ pull.T)
-
-
-def form_error(problem: Problem, beta: np.ndarray) -> FormError:
+def form_error(problem: Problem, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Noise and amplitudes by the evidence of what an estimate leaves.
 
     Args:
         problem: with the columns of its unknown functions.
         beta: the estimate, (b,).
+
+    Returns:
+        Noise e [N m], (N, n); and E[u u^T] of all functions, joint by joint, as the data leave it, (n K, n K).
     """
     functions = np.concatenate(problem.forms, axis=2)
     (_, n, count), b = functions.shape, len(beta)
@@ -160,7 +142,7 @@ def form_error(problem: Problem, beta: np.ndarray) -> FormError:
             break
     # what the data say of one function they say of others too: those that replace each other do not add up
     moment = np.outer(value, value) + (inner * np.outer(size, size))[b:, b:]
-    return FormError(noise, moment)
+    return noise, moment
 
 
 # Model error distinguished from noise: the residual at the frequencies of the motion against those above.
@@ -305,28 +287,8 @@ class Uncertainty:
         return value - half, value + half
 
 
-def block_length(scores: np.ndarray, group: np.ndarray) -> int:
-    """Length of blocks [samples] for the variance of a mean: (3 G^2 / (2 g^2))^(1/3) N^(1/3), averaged over columns.
-
-    g = sum_k R_k and G = sum_k |k| R_k with autocovariances R_k. Of an autoregressive series of which f samples count
-    as one (``variance_inflation``) G / g is (f^2 - 1) / (2 f). At least 1, and at most a fifth of the samples.
-    Source: politis2004.
-
-    Args:
-        scores: series, shape (N, b).
-        group: shape (N,).
-    """
-    f = variance_inflation(scores - scores.mean(axis=0), group)
-    memory = (f**2 - 1) / (2 * f)
-    length = np.mean((3 / 2 * memory**2 * len(scores)) ** (1 / 3))
-    return int(np.clip(np.ceil(length), 1, max(1, len(scores) // 5)))
-
-
 def block_jackknife(
-    problem: Problem,
-    beta: np.ndarray,
-    weight: np.ndarray | None = None,
-    length: int | None = None,
+    problem: Problem, beta: np.ndarray, weight: np.ndarray | None = None
 ) -> Uncertainty:
     """Covariance (B - 1) / B sum_k d_k d_k^T with d_k the change of beta when block k of B is left out.
 
@@ -337,46 +299,50 @@ def block_jackknife(
         problem: that was solved.
         beta: the estimate, shape (b,).
         weight: S, the inverse noise covariance that the estimator weighted with, shape (n, n); 1 if ``None``.
-        length: of the blocks [samples]; if ``None`` twice ``block_length``, and no more than about ``MAX_BLOCKS``.
     """
     weighted = problem.matrix if weight is None else weight @ problem.matrix
 
     def by_blocks(residual: np.ndarray) -> Uncertainty:
-        return jackknife(weighted, problem.matrix, residual, problem.group, length)
+        return jackknife(weighted, problem.matrix, residual, problem.group)
 
     alone = by_blocks(problem.residual(beta))
     if not problem.forms:
         return alone
     # what repeats with the motion is in no block alone
-    error = form_error(problem, beta)
-    of_noise = by_blocks(error.noise)
-    covariance = of_noise.covariance + error.covariance(weighted, problem)
+    noise, moment = form_error(problem, beta)
+    of_noise = by_blocks(noise)
+    functions = np.concatenate(problem.forms, axis=2)
+    gram = np.einsum("nja,njb->ab", weighted, problem.matrix, optimize=True)
+    scores = [weighted[:, j].T @ functions[:, j] for j in range(problem.n_joints)]
+    # an estimate that makes Z^T (y - W beta) zero hands f on as (Z^T W)^-1 Z^T f
+    pull = np.linalg.solve(gram, np.hstack(scores))
+    covariance = of_noise.covariance + pull @ moment @ pull.T
     return replace(of_noise, covariance=covariance, by_blocks=alone.covariance)
 
 
 def jackknife(
-    left: np.ndarray,
-    right: np.ndarray,
-    residual: np.ndarray,
-    group: np.ndarray,
-    length: int | None = None,
+    left: np.ndarray, right: np.ndarray, residual: np.ndarray, group: np.ndarray
 ) -> Uncertainty:
     """The same for any estimate that makes Z^T e zero, with e = y - W beta, or nearly so near the estimate.
+
+    Blocks are twice as long as those for the variance of a mean, (3 G^2 / (2 g^2))^(1/3) N^(1/3), averaged over
+    columns, with g = sum_k R_k and G = sum_k |k| R_k of autocovariances R_k: of an autoregressive series of which f
+    samples count as one (``variance_inflation``) G / g is (f^2 - 1) / (2 f). Source: politis2004.
 
     Args:
         left: Z, instruments, or the regressor by its weights, shape (N, m, b).
         right: W, the regressor, or derivatives of what is predicted, shape (N, m, b).
         residual: e, shape (N, m).
         group: shape (N,).
-        length: of the blocks [samples]; chosen as in ``block_jackknife`` if ``None``.
     """
     parameters = left.shape[2]
     scores = np.einsum("ijb,ij->ib", left, residual)
     gram = left.reshape(-1, parameters).T @ right.reshape(-1, parameters)
-    if length is None:
-        # at this length ``MAX_BLOCKS`` blocks hold all samples
-        enough = -(-len(scores) // MAX_BLOCKS)
-        length = max(2 * block_length(scores, group), enough)
+    count, f = len(scores), variance_inflation(scores - scores.mean(axis=0), group)
+    memory = (f**2 - 1) / (2 * f)
+    usual = np.ceil(np.mean((3 / 2 * memory**2 * count) ** (1 / 3)))
+    # at the last length ``MAX_BLOCKS`` blocks hold all samples
+    length = max(2 * np.clip(usual, 1, max(1, count // 5)), -(-count // MAX_BLOCKS))
     # kg and kg m^2 differ by orders of magnitude: solved with a unit diagonal
     scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(TINY))
     changes = []
@@ -399,7 +365,7 @@ def _of_changes(change: np.ndarray) -> Uncertainty:
 
 def _blocks(group: np.ndarray, length: float) -> list[slice]:
     """Blocks of about equal length [samples] within the groups."""
-    out: list[slice] = []
+    out = []
     for rows in group_slices(group):
         count = max(1, round((rows.stop - rows.start) / length))
         out += equal_parts(rows, count)
@@ -437,8 +403,6 @@ def refit_jackknife(problem: Problem, estimator: Estimator) -> Uncertainty:
 # Repeated groups: identify each stretch alone; how much the results differ distinguishes noise from model error.
 
 
-HELD_OUT = 4
-"""Stretches of time, at least, that are compared, or predicted one at a time from the others."""
 FACTOR = 2.0
 """And the factor by which variances have to differ, since the stated one is itself an estimate."""
 
@@ -488,7 +452,7 @@ def compare_groups(
     """
     groups = group_slices(problem.group)
     # a single recording can only be compared with itself, in parts
-    spans = groups if len(groups) > 1 else equal_parts(groups[0], HELD_OUT)
+    spans = groups if len(groups) > 1 else equal_parts(groups[0], MIN_MOTIONS)
     values, precisions = [], []
     for number, span in enumerate(spans, 1):
         own = problem.rows(span)
@@ -649,8 +613,13 @@ def torque_interval(
 ) -> TorqueInterval:
     """Intervals from torque held out: each group is predicted by the model that the others give.
 
+    Groups miss torque of each other by their parameters alone, in the mean square by W_k C_-k W_k^T with C_-k the
+    covariance that weighted least squares has of the parameters from the other groups, by what the whole leaves. Few
+    directions may make most of it: its distribution is about that of chi-squared with (sum l)^2 / sum l^2 degrees of
+    freedom, l the variances of the directions (Welch and Satterthwaite).
+
     Args:
-        problem: whose groups are cut into equal parts, at least ``HELD_OUT`` in all.
+        problem: whose groups are cut into equal parts, at least ``MIN_MOTIONS`` in all.
         estimator: of the model.
         uncertainty: of its parameters.
         cutoff: of the low-pass that the torque passed [Hz].
@@ -661,13 +630,39 @@ def torque_interval(
     """
     estimate = estimate or estimator(problem)
     groups = group_slices(problem.group)
-    pieces = -(-HELD_OUT // len(groups))  # rounded up
+    pieces = -(-MIN_MOTIONS // len(groups))  # rounded up
     spans = [part for rows in groups for part in equal_parts(rows, pieces)]
     lengths = [span.stop - span.start for span in spans]
     problem = replace(problem, group=np.repeat(np.arange(len(spans)), lengths))
-    error = model_error(problem, held_out(problem, estimator), cutoff)
+    if len(spans) < 2:
+        raise InputError(
+            "too few samples to hold any out", "record for longer", where="samples"
+        )
+    # of each group under the estimate of the others
+    residual = np.empty_like(problem.torque)
+    values = _without_each(problem, spans, estimator)
+    for span, value in zip(spans, values, strict=True):
+        residual[span] = problem.rows(span).residual(value)
+    error = model_error(problem, residual, cutoff)
     # what the other groups do not determine is no error of the model
-    missed2, freedom = _missed_by_parameters(problem, estimate.value, cutoff)
+    variance, n = _variance(problem, estimate.value, cutoff), problem.n_joints
+    weighted = problem.matrix / np.sqrt(variance)[:, None]
+    flat = [weighted[span].reshape(-1, len(estimate.value)) for span in spans]
+    grams = [part.T @ part for part in flat]
+    total = np.sum(grams, axis=0)
+    unit = 1 / np.sqrt(np.diag(total).clip(TINY))
+    sums, squares = np.zeros(n), np.zeros(n)
+    # without its own rows: what the others know of the parameters
+    for span, gram in zip(spans, grams, strict=True):
+        known, vectors = np.linalg.eigh((total - gram) * np.outer(unit, unit))
+        # a direction that the others do not determine at all is missed by any amount
+        spread = (weighted[span] * unit) @ (vectors / np.sqrt(known.clip(ROUNDING**2)))
+        own = np.einsum("ijb,ijc->jbc", spread, spread, optimize=True)
+        # the trace is the sum of l, the norm squared the sum of l^2
+        sums += np.trace(own, axis1=1, axis2=2)
+        squares += (own**2).sum(axis=(1, 2))
+    missed2 = np.maximum(variance * sums / len(problem.torque), TINY)
+    freedom = np.maximum(sums**2 / np.maximum(squares, TINY), 1.0)
     # noise in the parameters alone makes their ratio chi-squared over its degrees
     by_chance = chi2.sf(freedom * error.systematic**2 / missed2, freedom)
     beyond = np.sqrt((error.systematic**2 - missed2).clip(0.0))
@@ -675,50 +670,6 @@ def torque_interval(
     p_value = np.maximum(error.p_value, by_chance)
     error = replace(error, systematic=beyond, p_value=p_value)
     return TorqueInterval(uncertainty, error)
-
-
-def _missed_by_parameters(
-    problem: Problem, beta: np.ndarray, cutoff: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean square of torque that groups miss of each other by parameters alone [N m^2], (n,): W_k C_-k W_k^T.
-
-    C_-k is the covariance that weighted least squares has of the parameters from the other groups, by what the whole
-    leaves. Few directions may make most of it: its distribution is about that of chi-squared with (sum l)^2 / sum l^2
-    degrees of freedom, l the variances of the directions (Welch and Satterthwaite), (n,).
-    """
-    variance, n = _variance(problem, beta, cutoff), problem.n_joints
-    weighted = problem.matrix / np.sqrt(variance)[:, None]
-    spans = group_slices(problem.group)
-    flat = [weighted[span].reshape(-1, len(beta)) for span in spans]
-    grams = [part.T @ part for part in flat]
-    total = np.sum(grams, axis=0)
-    unit = 1 / np.sqrt(np.diag(total).clip(TINY))
-    sums, squares = np.zeros(n), np.zeros(n)
-    # without its own rows: what the others know of the parameters
-    for span, gram in zip(spans, grams, strict=True):
-        values, vectors = np.linalg.eigh((total - gram) * np.outer(unit, unit))
-        # a direction that the others do not determine at all is missed by any amount
-        spread = (weighted[span] * unit) @ (vectors / np.sqrt(values.clip(ROUNDING**2)))
-        own = np.einsum("ijb,ijc->jbc", spread, spread, optimize=True)
-        # the trace is the sum of l, the norm squared the sum of l^2
-        sums += np.trace(own, axis1=1, axis2=2)
-        squares += (own**2).sum(axis=(1, 2))
-    missed2 = np.maximum(variance * sums / len(problem.torque), TINY)
-    return missed2, np.maximum(sums**2 / np.maximum(squares, TINY), 1.0)
-
-
-def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:
-    """Residual of each group under the estimate of the other groups [N m], shape (N, n)."""
-    residual = np.empty_like(problem.torque)
-    spans = group_slices(problem.group)
-    if len(spans) < 2:
-        raise InputError(
-            "too few samples to hold any out", "record for longer", where="samples"
-        )
-    values = _without_each(problem, spans, estimator)
-    for span, value in zip(spans, values, strict=True):
-        residual[span] = problem.rows(span).residual(value)
-    return residual
 
 
 def _without_each(
@@ -769,20 +720,6 @@ class Whiteness:
     bound: float
 
 
-def _band_correlation(rate: float, cutoff: float, step: int) -> np.ndarray:
-    """Autocorrelation that the zero-phase low-pass gives white noise at multiples of ``step`` samples, (LAGS + 1,)."""
-    filter_ = butter(4, min(cutoff, 0.95 * rate / 2), output="sos", fs=rate)
-    frequency, response = sosfreqz(filter_, 4096, fs=rate)
-    # forward and backward: the power gain is the fourth power of the response
-    power = np.abs(response) ** 4
-    # at the lags of the samples that the test sees
-    lags = np.arange(LAGS + 1) * step / rate
-    phase = 2 * np.pi * lags[:, None] * frequency
-    # Wiener and Khinchin: the correlation is the cosine transform of the power
-    covariance = (power * np.cos(phase)).sum(axis=1)
-    return np.asarray(covariance / covariance[0])
-
-
 def whiteness(
     residual: np.ndarray, group: np.ndarray, rate: np.ndarray, cutoff: float
 ) -> Whiteness:
@@ -803,7 +740,15 @@ def whiteness(
         own = float(rate[rows.start])
         step = max(1, round(own / cutoff))
         kept.append(np.arange(rows.start, rows.stop, step))
-        correlations.append(_band_correlation(own, cutoff, step))
+        # the autocorrelation that the zero-phase low-pass gives white noise, at the lags of the samples that are seen
+        filter_ = butter(4, min(cutoff, 0.95 * own / 2), output="sos", fs=own)
+        frequency, response = sosfreqz(filter_, 4096, fs=own)
+        # forward and backward: the power gain is the fourth power of the response
+        power = np.abs(response) ** 4
+        phase = 2 * np.pi * np.arange(LAGS + 1)[:, None] * step / own * frequency
+        # Wiener and Khinchin: the correlation is the cosine transform of the power
+        covariance = (power * np.cos(phase)).sum(axis=1)
+        correlations.append(covariance / covariance[0])
     expected = np.average(correlations, axis=0, weights=[len(own) for own in kept])
     seen = np.concatenate(kept)
     residual, group = residual[seen], group[seen]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -34,6 +34,7 @@ from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import MOVING, Problem, Samples, check_bare, equal_parts
 from gapscope.model.changes import Change
 from gapscope.model.effective_samples import group_slices, variance_inflation
+from gapscope.model.rows import MODEL_RATE
 
 # An estimate at every stretch of samples.
 
@@ -128,7 +129,7 @@ def follow(problem: Problem, openings: Openings = ()) -> Followed:
     Source: ljung1999.
     """
     batch = weighted_least_squares(problem).value
-    rows: list[slice] = []
+    rows = []
     for group in group_slices(problem.group):
         fewest = SHORTEST / problem.interval[group.start]
         samples = max(1, round(max(fewest, len(problem.torque) / MAX_BLOCKS)))
@@ -253,8 +254,6 @@ def kalman(problem: Problem) -> Estimate:
 # State and friction at once, by an unscented filter, from encoders and torque alone.
 
 
-RATE = 100.0
-"""Measurements of the encoders are used at about this rate [Hz]."""
 LONGEST = 20.0
 """A recording is followed for at most this long [s]: a second takes about a second of computing."""
 UNSURE = 0.3
@@ -321,7 +320,7 @@ def follow_states(
     names = tuple(f"{kind}{j}" for kind in "bc" for j in range(1, n + 1))
     places = [regressor.names.index(name) for name in names]
     # torque between two measurements counts by its mean
-    rows = np.arange(0, len(recording.t), max(1, round(recording.rate / RATE)))
+    rows = np.arange(0, len(recording.t), max(1, round(recording.rate / MODEL_RATE)))
     t, q = recording.t[rows], recording.q[rows]
     counts = np.diff([*rows, len(recording.t)])
     tau = np.add.reduceat(np.asarray(recording.tau), rows) / counts[:, None]
@@ -332,16 +331,37 @@ def follow_states(
     # b counts by its torque at the usual speed, c is a torque itself
     least = np.concatenate([torque / np.maximum(speed, MOVING), torque])
     spread = np.maximum(UNSURE * np.abs(prior[places]), least)
+    count = max(1, round(period / (2 * LONGEST_STEP)))
+    # the stepper counts joints in the order of the bodies, the case in its own
+    to_body, to_case = regressor.body.order, regressor.body.places
+    stepper = Stepper(regressor.body, Plant.of(prior), period / count)
+
+    def after(x: np.ndarray, dt: float, torque: np.ndarray) -> np.ndarray:
+        """The state after some time [s] under a torque [N m]."""
+        parameters = prior.copy()
+        parameters[places] += x[2 * n :]
+        # each sigma point has its own arm
+        stepper.set_plant(Plant.of(parameters))
+        stepper.dt = dt / count
+        q, dq = x[:n][None, to_body], x[n : 2 * n][None, to_body]
+        for _ in range(count):
+            q, dq = stepper(q, dq, torque[None, to_body])
+        return np.concatenate([q[0, to_case], dq[0, to_case], x[2 * n :]])
+
     # state: q, dq and the departures of b and c, n of each
     kalman = UnscentedKalmanFilter(
         4 * n,
         n,
         period,
         hx=lambda x: x[:n],
-        fx=_dynamics(regressor, prior, places, period),
+        fx=after,
         points=MerweScaledSigmaPoints(4 * n, alpha=0.3, beta=2.0, kappa=0.0),
     )
-    encoder = np.full(n, _encoder_noise(recording, arm))
+    # noise of the encoders: white noise of deviation s has second differences of sqrt(6) s; rounding, if that is more
+    second = np.diff(recording.q, 2, axis=0)
+    seen = np.median(np.std(second, axis=0)) / np.sqrt(6)
+    rounding = (arm.encoder_step or 0.0) / np.sqrt(12)
+    encoder = np.full(n, max(seen, rounding, ROUNDING))
     # velocity and departures start at zero: the prior is in the dynamics
     kalman.x = np.concatenate([q[0], np.zeros(3 * n)])
     # an arm that moves already may be as fast as it is on the whole
@@ -374,39 +394,6 @@ def follow_states(
     friction = Track(names, t, start + states[:, 2 * n :], own)
     state = states[:, : 2 * n]
     return StatesAndFriction(recording.name, start, friction, state, innovation)
-
-
-def _dynamics(
-    regressor: Regressor, prior: np.ndarray, places: list[int], period: float
-) -> Callable[..., np.ndarray]:
-    """The state after some time [s] under a torque [N m], in the form that the filter calls."""
-    n = regressor.arm.n_joints
-    count = max(1, round(period / (2 * LONGEST_STEP)))
-    # the stepper counts joints in the order of the bodies, the case in its own
-    to_body, to_case = regressor.body.order, regressor.body.places
-    stepper = Stepper(regressor.body, Plant.of(prior), period / count)
-
-    def after(x: np.ndarray, dt: float, torque: np.ndarray) -> np.ndarray:
-        parameters = prior.copy()
-        parameters[places] += x[2 * n :]
-        # each sigma point has its own arm
-        stepper.set_plant(Plant.of(parameters))
-        stepper.dt = dt / count
-        q, dq = x[:n][None, to_body], x[n : 2 * n][None, to_body]
-        for _ in range(count):
-            q, dq = stepper(q, dq, torque[None, to_body])
-        return np.concatenate([q[0, to_case], dq[0, to_case], x[2 * n :]])
-
-    return after
-
-
-def _encoder_noise(recording: Recording, arm: NominalArm) -> float:
-    """Noise of the encoders [rad]: of the second differences, or of rounding, whichever is more."""
-    # white noise of deviation s has second differences of sqrt(6) s
-    second = np.diff(recording.q, 2, axis=0)
-    seen = float(np.median(np.std(second, axis=0))) / np.sqrt(6)
-    rounding = (arm.encoder_step or 0.0) / np.sqrt(12)
-    return max(seen, rounding, ROUNDING)
 
 
 # The filter beside the batch: when it converged, where it departs, whether its innovations are white.

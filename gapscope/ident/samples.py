@@ -17,11 +17,24 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import STILL, Recording, resting
 from gapscope.arm.root_mean_square import rms
-from gapscope.effects.friction import friction_direction
+from gapscope.effects.friction import (
+    SATURATION_SPEEDS,
+    friction_direction,
+    saturating_amplitude,
+    stribeck_amplitude,
+)
+from gapscope.effects.setup_faults import UNIT_FACTOR
 from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH
 from gapscope.ident.model.physical_parameters import LEAST_MASS, LENGTH
 from gapscope.ident.model.regressor import Regressor
-from gapscope.model.conditioning import Segment, blocks, condition, low_pass
+from gapscope.model.conditioning import (
+    BY_CHANCE,
+    WORKING_RATE,
+    Segment,
+    blocks,
+    condition,
+    low_pass,
+)
 from gapscope.model.effective_samples import band_samples, group_slices
 from gapscope.model.rows import low_passed_rows
 
@@ -85,12 +98,13 @@ def equal_parts(rows: slice, count: int) -> list[slice]:
 # Friction of drives as columns: direction of motion, its memory at rest, Stribeck and saturating friction.
 
 
-STRIBECK_SPEEDS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
+MOVING = 0.05
+"""A joint moves when it is faster than this [rad/s]."""
+STRIBECK_SPEEDS = (MOVING, 0.1, 0.2, 0.5, 1.0, 2.0)
 """Speeds vs tried for d exp(-(v / vs)^2) [rad/s]."""
-SATURATION_SHARES = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7)
-"""Speeds vt tried for s tanh(|v| / vt), over the largest speed of each drive [1]."""
-PRESLIDING_DISTANCES = (2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3)
-"""Distances tried over which dry friction turns round at a reversal [rad]."""
+PRESLIDING_DISTANCES = np.geomspace(2e-5, 1e-3, 6).tolist()
+"""Distances tried over which dry friction turns round at a reversal [rad]: beyond those of an arm that is known, since
+play and bending look alike."""
 
 
 @dataclass(frozen=True)
@@ -121,11 +135,14 @@ class FrictionLaw:
         distance = np.array(self.presliding or at_once)
         sign = friction_direction(position, velocity, distance)
         columns = [sign]
-        if self.stribeck_speed is not None:
-            columns.append(sign * np.exp(-((velocity / self.stribeck_speed) ** 2)))
-        if self.saturation_speeds is not None:
-            relative = np.abs(velocity) / np.array(self.saturation_speeds)
-            columns.append(sign * np.tanh(relative))
+        for speeds, amplitude in (
+            (self.stribeck_speed, stribeck_amplitude),
+            (self.saturation_speeds, saturating_amplitude),
+        ):
+            if speeds is not None:
+                columns.append(
+                    sign * amplitude(velocity, sign, np.ones(1), np.array(speeds))
+                )
         return columns
 
     def __str__(self) -> str:
@@ -137,7 +154,7 @@ class FrictionLaw:
             speeds = ", ".join(f"{speed:.2g}" for speed in self.saturation_speeds)
             parts.append(f"saturating above {speeds} rad/s")
         if self.presliding is not None:
-            distances = ", ".join(f"{1e3 * x:g}" for x in self.presliding)
+            distances = ", ".join(f"{1e3 * x:.2g}" for x in self.presliding)
             parts.append(
                 f"direction kept at rest, turned round within {distances} mrad"
             )
@@ -280,10 +297,6 @@ def _along(series: np.ndarray, directions: np.ndarray) -> np.ndarray:
 # Whether samples can determine parameters, and if not, why: causes before a solver meets them.
 
 
-UNIT_FACTOR = 5.0
-"""Torque larger or smaller than the nominal arm's by more than this is suspected of another unit."""
-
-
 def check_samples(
     problem: Problem, *, full_rank: bool = True, rows: np.ndarray | None = None
 ) -> None:
@@ -386,10 +399,8 @@ PER_CUTOFF = 4.0
 """Samples per period of the cut-off that are kept to fit; more hold no further information."""
 MOST = 20_000
 """Samples that are kept at most: long recordings are thinned further, which bounds the memory."""
-LONGEST = 60.0
-"""Longer segments are worked on in blocks of at most this [s]."""
-MOVING = 0.05
-"""A joint moves when it is faster than this [rad/s]."""
+LONGEST = MOST / WORKING_RATE
+"""Longer segments are worked on in blocks of at most this [s]: no more samples than are kept."""
 AT_LIMIT = 0.99
 """Share of its limit from which a torque is at it [1]."""
 
@@ -492,7 +503,7 @@ class Samples:
         self.measured = np.concatenate([s.measured[rows] for s, rows in kept])
         self.smooth = self.filtered_each(columns.smooth)
         self.torque = self._stack(
-            np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments
+            s.torque - s.known_torque(columns.body) for s in self.segments
         )
         lengths = [len(s.motion.t[rows]) for s, rows in kept]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
@@ -532,7 +543,7 @@ class Samples:
 
 ADVISED = 10.0
 """Independent samples per base parameter below which there is a warning [1]."""
-POWER = 0.99
+POWER = 1.0 - BY_CHANCE
 """Share of the torque's power that lies within its bandwidth [1]."""
 
 
@@ -571,14 +582,6 @@ class SampleCount:
 
 def count_samples(samples: Samples, parameters: int) -> SampleCount:
     """Count by the bandwidth B of the recorded torque: a band of B Hz holds 2 B independent samples a second."""
-    seconds = float(samples.interval.sum())
-    bandwidth = _bandwidth(samples)
-    independent = band_samples(seconds, float(bandwidth.sum()))
-    return SampleCount(seconds, bandwidth, independent, independent / parameters)
-
-
-def _bandwidth(samples: Samples) -> np.ndarray:
-    """Frequency below which ``POWER`` of the power of each joint's torque lies [Hz], shape (n,)."""
     frequencies, energies = [], []
     for rows in group_slices(samples.group):
         interval, torque = samples.interval[rows.start], samples.torque[rows]
@@ -592,7 +595,10 @@ def _bandwidth(samples: Samples) -> np.ndarray:
     order = np.argsort(frequency, kind="stable")
     below = np.cumsum(np.concatenate(energies)[order], axis=0)
     share_below = below / np.maximum(below[-1], TINY)
-    return np.asarray(frequency[order][np.argmax(share_below >= POWER, axis=0)])
+    bandwidth = frequency[order][np.argmax(share_below >= POWER, axis=0)]
+    seconds = float(samples.interval.sum())
+    independent = band_samples(seconds, float(bandwidth.sum()))
+    return SampleCount(seconds, bandwidth, independent, independent / parameters)
 
 
 # Which recordings are fitted, and which are held out.
@@ -718,8 +724,6 @@ FOLDS = 5
 """Least number of stretches of time, each predicted from all others."""
 SHORTEST = 20
 """Samples of a stretch, about, at least."""
-LOOSE = 1e-8
-"""Pull on parameters that the nominal arm does not give, in units of their columns [1]."""
 
 
 class FrictionTrials:
@@ -742,14 +746,36 @@ class FrictionTrials:
         flat = [self._shared[k].reshape(-1, self._shared.shape[2]) for k in spans]
         self._grams = [(k, x.T @ x) for k, x in zip(spans, flat, strict=True)]
 
-    def held_out(self, law: FrictionLaw) -> Callable[[float], np.ndarray]:
-        """Mean square of residual over noise, per joint [1], (n,), by the pull: of each stretch from all others."""
-        dry, grams, penalty, nominal = self._under(law)
+    def under(
+        self, law: FrictionLaw
+    ) -> tuple[Callable[[float], np.ndarray], Callable[[float], np.ndarray]]:
+        """What a law is worth and what it finds, by the strength of the pull.
+
+        Returns:
+            Mean square of residual over noise, per joint [1], (n,), of each stretch from all others; and x, fitted to
+            all samples, (p,).
+        """
+        columns = self.samples.columns
+        dry = self.samples.filtered_each(lambda motion: columns.dry(motion, law))
+        dry /= self.noise[:, None]
+        shared, own = self._shared.shape[2], dry.shape[2]
+        # the torque comes last
+        order = [*range(shared - 1), *range(shared, shared + own), shared - 1]
+        # of [W, y] of each stretch, and last of all
+        grams = []
+        for rows, gram in self._grams:
+            friction = dry[rows].reshape(-1, own)
+            cross = self._shared[rows].reshape(-1, shared).T @ friction
+            whole = np.block([[gram, cross], [cross.T, friction.T @ friction]])
+            grams.append(whole[np.ix_(order, order)])
+        # the same pull for every stretch, that of all samples
+        penalty = penalties(self.samples, law, np.diag(grams[-1])[:-1])
+        nominal = columns.nominal(law)
         total, joints = np.sum(grams[:-1], axis=0), len(self.noise)
         sizes = [joints * (rows.stop - rows.start) for rows in self.stretches]
-        smooth = self.samples.smooth.shape[2]
+        smooth = shared - 1
 
-        def mse(pull: float) -> np.ndarray:
+        def held_out(pull: float) -> np.ndarray:
             squares = np.zeros(joints)
             for rows, gram, size in zip(self.stretches, grams, sizes, strict=False):
                 # the Gram matrix of all other stretches, without forming their equations again
@@ -760,36 +786,13 @@ class FrictionTrials:
                 left = self._shared[rows] @ z - dry[rows] @ x[smooth:]
                 squares += (left**2).sum(axis=0)
             # sizes count the rows of all joints
-            return np.asarray(squares * joints / sum(sizes))
+            return squares * joints / sum(sizes)
 
-        return mse
+        def fitted(pull: float) -> np.ndarray:
+            size = self.samples.torque.size
+            return pulled_solution(grams[-1], size, pull * penalty, nominal)
 
-    def fitted(self, law: FrictionLaw, pull: float) -> np.ndarray:
-        """x under a law and a pull, fitted to all samples, shape (p,)."""
-        _, grams, penalty, nominal = self._under(law)
-        count = self.samples.torque.size
-        return pulled_solution(grams[-1], count, pull * penalty, nominal)
-
-    def _under(
-        self, law: FrictionLaw
-    ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray, np.ndarray]:
-        """Dry columns at unit noise, (M, n, d); Gram matrices of [W, y] of stretches and all; pull; nominal x."""
-        columns = self.samples.columns
-        dry = self.samples.filtered_each(lambda motion: columns.dry(motion, law))
-        dry /= self.noise[:, None]
-        shared, own = self._shared.shape[2], dry.shape[2]
-        # the torque comes last
-        order = [*range(shared - 1), *range(shared, shared + own), shared - 1]
-        grams = []
-        for rows, gram in self._grams:
-            friction = dry[rows].reshape(-1, own)
-            cross = self._shared[rows].reshape(-1, shared).T @ friction
-            whole = np.block([[gram, cross], [cross.T, friction.T @ friction]])
-            grams.append(whole[np.ix_(order, order)])
-        # the same pull for every stretch, that of all samples
-        squares = np.diag(grams[-1])[:-1]
-        penalty = penalties(self.samples, law, squares)
-        return dry, grams, penalty, columns.nominal(law)
+        return held_out, fitted
 
 
 def penalties(samples: Samples, law: FrictionLaw, squares: np.ndarray) -> np.ndarray:
@@ -800,7 +803,7 @@ def penalties(samples: Samples, law: FrictionLaw, squares: np.ndarray) -> np.nda
     scale = samples.columns.scale(law)
     size = np.sqrt(squares / len(samples.torque))
     # a weak prior on parameters that the nominal arm need not have keeps the system regular
-    trace = LOOSE * np.where(size > 0, size, 1.0) ** 2
+    trace = ROUNDING * np.where(size > 0, size, 1.0) ** 2
     return np.where(np.isfinite(scale), scale**-2.0, trace)
 
 
@@ -872,14 +875,18 @@ def choose(
     """
     # a weak pull: the form of the friction is judged by the data
     law, pull = FrictionLaw(), float(PULLS[1])
-    noise = joint_noise(samples, law, pull)
-    trials = FrictionTrials(samples, noise)
-    best = _error(trials, law, pull)
+    trials = FrictionTrials(samples, joint_noise(samples, law, pull))
+    best = _error(trials.under(law)[0](pull))
     tried = [(f"{law}; pull {pull:g}", best)]
     # the simpler law stays unless the richer one is worth its parameters
     plain, gains = best, []
-    for candidate in _nonlinear_laws(trials, pull) if nonlinear else []:
-        error = _error(trials, candidate, pull)
+    for candidate in _nonlinear_laws(samples) if nonlinear else []:
+        held_out, fitted = trials.under(candidate)
+        # a term is positive on the whole; a negative one stands for another law
+        # the columns of the richer term come last, one for each drive
+        if fitted(pull)[-len(samples.columns.labels) :].sum() <= 0:
+            continue
+        error = _error(held_out(pull))
         tried.append((f"{candidate}; pull {pull:g}", error))
         if candidate.stribeck_speed is not None:
             gains.append(1 - error / plain)
@@ -888,14 +895,14 @@ def choose(
     distances = _presliding_distances(trials, law, pull) if presliding else ()
     if any(distances):
         candidate = replace(law, presliding=distances)
-        error = _error(trials, candidate, pull)
+        error = _error(trials.under(candidate)[0](pull))
         tried.append((f"{candidate}; pull {pull:g}", error))
         # its distances had to be worth it drive by drive already
         law = candidate if error < best else law
     # the pull is chosen last: it depends little on the form of the friction
-    noise = joint_noise(samples, law, pull)
-    mse = FrictionTrials(samples, noise).held_out(law)
-    errors = [float(np.sqrt(mse(value).mean())) for value in PULLS]
+    trials = FrictionTrials(samples, joint_noise(samples, law, pull))
+    held_out, _ = trials.under(law)
+    errors = [_error(held_out(value)) for value in PULLS]
     pairs = zip(PULLS, errors, strict=True)
     tried += [(f"{law}; pull {value:g}", error) for value, error in pairs]
     pull = float(PULLS[np.argmin(errors)])
@@ -903,19 +910,16 @@ def choose(
     return Choice(law, pull, noise, max(gains, default=0.0), tuple(tried))
 
 
-def _error(trials: FrictionTrials, law: FrictionLaw, pull: float) -> float:
-    """RMS of residual over noise on held-out stretches [1]."""
-    return float(np.sqrt(trials.held_out(law)(pull).mean()))
+def _error(mse: np.ndarray) -> float:
+    """RMS of residual over noise on held-out stretches [1], of the mean squares of the joints, (n,)."""
+    return float(np.sqrt(mse.mean()))
 
 
-def _nonlinear_laws(trials: FrictionTrials, pull: float) -> list[FrictionLaw]:
-    """Laws with a Stribeck term, or one that saturates with speed, as far as the recorded speeds can show them.
-
-    A term is positive on the whole; a negative one stands for another law.
-    """
-    columns = trials.samples.columns
+def _nonlinear_laws(samples: Samples) -> list[FrictionLaw]:
+    """Laws with a Stribeck term, or one that saturates with speed, as far as the recorded speeds can show them."""
+    columns = samples.columns
     # a motor's speed is its mixture of joint speeds
-    speeds = np.abs(trials.samples.velocity @ columns.drives.T) / columns.per_radian
+    speeds = np.abs(samples.velocity @ columns.drives.T) / columns.per_radian
     fastest = speeds.max(axis=0)
     moving = fastest[fastest > STRIBECK_SPEEDS[0]]
     if not len(moving):
@@ -927,12 +931,10 @@ def _nonlinear_laws(trials: FrictionTrials, pull: float) -> list[FrictionLaw]:
         if EXCEEDED * speed <= moving.min()
     ]
     # a drive that hardly moves still needs a speed for its column
-    scaled = np.maximum(fastest, STRIBECK_SPEEDS[0])
-    for share in SATURATION_SHARES:
+    scaled, grid = np.maximum(fastest, STRIBECK_SPEEDS[0]), SATURATION_SPEEDS
+    for share in np.geomspace(grid.lowest, grid.highest, grid.points):
         laws.append(FrictionLaw(saturation_speeds=tuple((share * scaled).tolist())))
-    drives = len(columns.labels)
-    # the columns of the richer term come last, one for each drive
-    return [law for law in laws if trials.fitted(law, pull)[-drives:].sum() > 0]
+    return laws
 
 
 def _presliding_distances(
@@ -947,7 +949,7 @@ def _presliding_distances(
     errors = []
     for distance in distances:
         same = replace(law, presliding=(distance,) * len(drives))
-        errors.append(trials.held_out(same)(pull))
+        errors.append(trials.under(same)[0](pull))
     # a motor that turns several joints is judged by all, each by its part
     turned = np.abs(drives) / np.abs(drives).sum(axis=1, keepdims=True)
     by_drive = np.array(errors) @ turned.T

@@ -67,14 +67,14 @@ class Archive:
 
     def rows(self, progress: Callable[[str], None] | None = None) -> list[Row]:
         """All diagnoses as they are now, the latest first."""
-        lost: list[Row] = []
+        lost = []
 
         def closed(error: OSError) -> None:
             problem = f"folder: {error.strerror}"
             lost.append(self._unreadable(Path(error.filename), problem))
 
         with self._lock:
-            known: dict[Path, tuple[_State, Row]] = {}
+            known = {}
             for folder, folders, files in os.walk(self.root, onerror=closed):
                 # in place: the walk enters what is left in this list
                 folders[:] = [name for name in folders if not name.startswith(".")]

@@ -216,7 +216,7 @@ def _compared(
     if batch.against is not None:
         against, known = kept_reference(batch.against, batch.out, progress)
         batch, reference = replace(batch, against=against), known.made_from
-    rows: list[Row] = []
+    rows = []
     cases, out, how = batch.by_folder, batch.out, (batch.jobs, batch.backend)
 
     def keep(case: Case | Path, folder: Path) -> dict[str, Any] | None:

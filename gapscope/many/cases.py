@@ -59,7 +59,7 @@ Files = Mapping[str, Mapping[str, Any]]
 def stamps(files: Files) -> tuple[str, float | None]:
     """Hash of names, sizes and stamps, empty if a file has no stamp; last change of any of them [s since 1970]."""
     digest, unknown = hashlib.sha256(), False
-    times: list[float] = []
+    times = []
     for name, info in sorted(files.items()):
         changed = _first(info, STAMPS[1])
         # a stamp of the content first: a copy of the same file has another time

@@ -113,8 +113,8 @@ def histories(
     dated = dated.sort_values(IN_TIME, kind="stable")
     # an effect without joint or link is on the arm
     dated[["joint", "link"]] = dated[["joint", "link"]].fillna(0).astype(int)
-    made: list[History] = []
-    factors: dict[tuple[str, str], float] = {}
+    made = []
+    factors = {}
     # angles come round again, and without a deviation nothing can be tested
     known = dated[(dated["std"] > 0) & ~dated["parameter"].isin(ANGLES)]
     names = [*UNIT, *NUMBER, "si_unit"]
@@ -263,7 +263,7 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
     failed, cases = rows[rows["error"] != ""], rows[rows["error"] == ""]
     # only arms of one type are compared
     cases = cases.assign(type=cases["robot"] + "\0" + cases["joints"].map(" ".join))
-    everything: list[History] = []
+    everything = []
     robots, factors = [], []
     for _, of_type in cases.groupby("type"):
         robot = of_type["robot"].iloc[0]
@@ -305,7 +305,7 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         "worst": _worst(_latest(cases), changes),
         "failures": failed[FAILURE].head(MOST).to_dict("records"),
     }
-    document: dict[str, Any] = plain(content, null_if_not_finite=True)
+    document = plain(content, null_if_not_finite=True)
     error = schema_fault(document, "fleet")
     if error is not None:
         raise error

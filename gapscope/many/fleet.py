@@ -369,7 +369,7 @@ def _tasks(
 ) -> Iterator[tuple[Any, ...]]:
     """Arguments for each case, once, unless its listing shows that it is unchanged since it was diagnosed."""
     known = {} if plan.again else _known(store)
-    seen: set[str] = set()
+    seen = set()
     for case in all_cases(plan.cases):
         if case.address in seen:
             continue

@@ -37,7 +37,7 @@ from gapscope.envs.environment import LOOK_AHEAD, SUB_STEPS, TIME_STEP
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.replay import replay
 from gapscope.interface.models import Model, case_of, corrected_arm
-from gapscope.interface.result import Document, DocumentResult
+from gapscope.interface.result import DocumentResult
 from gapscope.many.workers import LOCAL, in_order
 from gapscope.reports.matter import sentence, summary, write_page
 
@@ -234,7 +234,7 @@ def matter(
         progress(f"{len(results)} of {len(calls)} simulations")
     # seeds, arms (nominal, all, each alone, all but each), measures
     values = np.reshape(results, (count, -1, len(MEASURES)))
-    content: Document = {
+    content = {
         "schema": 1,
         "case": loaded.name,
         "task": asked[0].name,

@@ -251,7 +251,7 @@ def _diagnosed(
     found = {}
     # kept by hashes of what was put in: another size or seed is another case
     for row, _ in diagnose_missing(cases, out, jobs):
-        nothing: Document = {"problem": row.problem, "effects": [], "possible": []}
+        nothing = {"problem": row.problem, "effects": [], "possible": []}
         found[row.folder] = dict(row.document or nothing)
         progress(f"{len(found)} of {len(cases)} diagnosed, {row.folder}")
     return found

@@ -116,7 +116,7 @@ class LocalProcesses(Pool):
         if executor is None:
             # of one process, which starts with its first call; numeric libraries get one thread there
             executor = ProcessPoolExecutor(1, env=dict.fromkeys(THREADS, "1"))
-        made: Future[Any] = executor.submit(function, *arguments)
+        made = executor.submit(function, *arguments)
         self._executors[made] = executor
         return made
 
@@ -245,7 +245,7 @@ def as_completed(
         pool = LocalProcesses(jobs)
     with closing(pool):
         # by the future, so that what has ended tells which call it was
-        running: dict[Future[Any], Ended] = {}
+        running = {}
 
         def begin(call: Ended) -> None:
             running[pool.submit(function, call.arguments)] = call

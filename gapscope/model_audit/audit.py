@@ -491,7 +491,7 @@ def document(audit: Audit) -> dict[str, Any]:
         "joints": [_joint(joint) for joint in description.joints],
         "static": audit.static,
     }
-    result: dict[str, Any] = plain(content, null_if_not_finite=True)
+    result = plain(content, null_if_not_finite=True)
     return result
 
 

@@ -309,7 +309,7 @@ def check_repeats(description: Description) -> Iterator[Finding]:
         if (own := link.inertial) and own.is_body and own.mass >= MIN_MASS
     ]
     # the same moments on links of other masses, or three equal moments with round numbers on several
-    same: dict[tuple[float, ...], list[tuple[Link, Inertial]]] = defaultdict(list)
+    same = defaultdict(list)
     for link, own in bodies:
         same[tuple(own.moments.ravel().round(12))].append((link, own))
     for alike in same.values():

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from gapscope.arm.dynamics.description import Description, Shape
+from gapscope.arm.dynamics.description import Description
 from gapscope.arm.dynamics.link_shapes import mesh_points, shape_points
 from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.case_file import CasePaths, is_case, read_case_file
@@ -99,7 +99,7 @@ def link_geometry(description: Description, link: str) -> Geometry | None:
     Volume and variance are those of the collision shapes, or of the visual ones if there is no other; the hull is that
     of both.
     """
-    shapes: list[tuple[Shape, np.ndarray]] = []
+    shapes = []
     for other, place in description.rigid_part(link):
         if other.name != link and other.inertial is not None:
             continue

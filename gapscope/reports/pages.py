@@ -271,7 +271,7 @@ def figure_html(
         legend_at: lower edge of the legend over the height of the drawing [1].
         layout: entries of plotly's layout that differ from those of all pages.
     """
-    common: dict[str, Any] = {
+    common = {
         "height": height,
         "font": {"family": FONT, "size": 13, "color": INK},
         "paper_bgcolor": "#fff",

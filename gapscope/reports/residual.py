@@ -167,7 +167,7 @@ def _section(number: int, joint: Mapping[str, Any]) -> PageSection:
 def _figure(joint: Mapping[str, Any]) -> Figure:
     """Three panels: dots for what the corrected arm leaves, lines for what the network says."""
     figure = subplots(1, len(PANELS), shared_yaxes=True)
-    named: set[str] = set()
+    named = set()
     for curve in joint["curves"]:
         column = list(PANELS).index(curve["over"]) + 1
         label, colour = STYLE[curve["direction"]]

@@ -73,7 +73,7 @@ def write_mcap(scene: Scene, path: Path) -> None:
     with atomic_write(path) as aside, folder_aside(path) as folder:
         bag = folder / "scene"
         with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            topics: dict[str, Any] = {}
+            topics = {}
             # each stream is in order: merged as they come, never all in memory
             streams = _streams(scene, store.types)
             for topic, stamp, message in heapq.merge(*streams, key=itemgetter(1)):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.description import moments_matrix
@@ -16,6 +17,8 @@ from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm, pybullet_data
 # URDF text of the generator's arms: cleaned, read and changed link by link.
 
 
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Moments and products of inertia as a file has them, row by row."""
 RADIUS = 0.08
 """Radius of gyration given to a link with a non-physical inertia [m]."""
 
@@ -103,14 +106,13 @@ def inertial_of(link: ET.Element) -> Inertial:
     assert element is not None
     origin, inertia = element.find("origin"), element.find("inertia")
     assert inertia is not None
-    com: np.ndarray = np.zeros(3)
-    turn: np.ndarray = np.eye(3)
+    com = np.zeros(3)
+    turn = np.eye(3)
     if origin is not None:
         com = _numbers(origin.get("xyz", "0 0 0"))
         rpy = _numbers(origin.get("rpy", "0 0 0"))
         turn = Rotation.from_euler("xyz", rpy).as_matrix()
-    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    own = moments_matrix(float(inertia.attrib[name]) for name in names)
+    own = moments_matrix(float(inertia.attrib[name]) for name in MOMENTS)
     mass = float(element.find("mass").get("value"))  # type: ignore[union-attr, arg-type]
     return Inertial(mass, com, turn @ own @ turn.T)
 
@@ -126,19 +128,11 @@ def set_inertial(link: ET.Element, inertial: Inertial) -> None:
     if old is not None:
         link.remove(old)
     new = ET.SubElement(link, "inertial")
-    com = " ".join(repr(float(x)) for x in inertial.com)
+    com = " ".join(map(repr, inertial.com.tolist()))
     ET.SubElement(new, "origin", rpy="0 0 0", xyz=com)
     ET.SubElement(new, "mass", value=repr(float(inertial.mass)))
-    places = {
-        "ixx": (0, 0),
-        "ixy": (0, 1),
-        "ixz": (0, 2),
-        "iyy": (1, 1),
-        "iyz": (1, 2),
-        "izz": (2, 2),
-    }
-    moments = {key: repr(float(inertial.inertia[at])) for key, at in places.items()}
-    ET.SubElement(new, "inertia", moments)
+    moments = map(repr, inertial.inertia[np.triu_indices(3)].tolist())
+    ET.SubElement(new, "inertia", dict(zip(MOMENTS, moments, strict=True)))
 
 
 def added(link: Inertial, load: Inertial) -> Inertial:
@@ -146,7 +140,7 @@ def added(link: Inertial, load: Inertial) -> Inertial:
     mass = link.mass + load.mass
     com = (link.mass * link.com + load.mass * load.com) / mass
     inertia = sum(b.inertia + _steiner(b.mass, b.com - com) for b in (link, load))
-    return Inertial(mass, com, np.asarray(inertia))
+    return Inertial(mass, com, inertia)
 
 
 def perturb_inertials(root: ET.Element, width: float, rng: np.random.Generator) -> None:
@@ -227,11 +221,11 @@ class Arm:
 class Sheet(NamedTuple):
     """Middle of a known robot's values; the data sheet of a case is drawn around it."""
 
-    home: list[float]
-    half: list[float]
-    armature: list[float]
-    coulomb: list[float]
-    viscous: list[float]
+    home: ArrayLike
+    half: ArrayLike
+    armature: ArrayLike
+    coulomb: ArrayLike
+    viscous: ArrayLike
     payload: float
 
 
@@ -316,7 +310,7 @@ def draw_arm(name: str, rng: np.random.Generator) -> Arm:
         n = 3 if name == "small" else int(rng.integers(3, 8))
         return _drawn(rng, n)
     if name in DH:
-        urdf = text_of(_by_dh(*DH[name]))
+        urdf = text_of(_serial(_by_dh(DH[name])))
     else:
         # the published figures rest on the model that comes with the engine
         folder = pybullet_data()
@@ -329,43 +323,30 @@ def draw_arm(name: str, rng: np.random.Generator) -> Arm:
 
 
 def _with_sheet(name: str, urdf: str, sheet: Sheet, rng: np.random.Generator) -> Arm:
-    n = len(sheet.home)
-    armature = np.array(sheet.armature) * rng.uniform(0.7, 1.4, n)
-    coulomb = np.array(sheet.coulomb) * rng.uniform(0.7, 1.4, n)
-    viscous = np.array(sheet.viscous) * rng.uniform(0.7, 1.4, n)
-    home = np.array(sheet.home, dtype=float)
-    half = np.array(sheet.half, dtype=float)
+    home, half, *drives = (np.array(own, dtype=float) for own in sheet[:-1])
+    armature, coulomb, viscous = (
+        own * rng.uniform(0.7, 1.4, len(home)) for own in drives
+    )
     return Arm(name, urdf, home, half, armature, coulomb, viscous, sheet.payload)
 
 
-class ChainLink(NamedTuple):
-    """A link of a chain and the joint that moves it.
-
-    Origin [m] and roll-pitch-yaw [rad] of the joint in the frame of the one before, its axis, and the inertial; (3,).
-    """
-
-    xyz: np.ndarray
-    rpy: np.ndarray
-    axis: np.ndarray
-    inertial: Inertial
+ChainLink = tuple[np.ndarray, np.ndarray, np.ndarray, Inertial]
+"""A link and the joint that moves it: origin [m] and roll-pitch-yaw [rad] of the joint in the frame of the one before,
+its axis, and the inertial; (3,)."""
 
 
-def _by_dh(
-    d: list[float], a: list[float], masses: list[float], radii: list[float]
-) -> ET.Element:
+def _by_dh(table: tuple[list[float], ...]) -> list[ChainLink]:
     """A serial arm by a standard Denavit-Hartenberg table; each link is a body half way along its way."""
     links = []
     axis = np.array([0.0, 0.0, 1.0])
     xyz: np.ndarray = np.zeros(3)
     rpy: np.ndarray = np.zeros(3)
-    for k, alpha in enumerate(ALPHA):
-        way = np.array([a[k], 0.0, d[k]])
-        rod = _rod(masses[k], 0.5 * way, way, radii[k])
-        links.append(ChainLink(xyz, rpy, axis, rod))
+    for alpha, d, a, mass, radius in zip(ALPHA, *table, strict=True):
+        way = np.array([a, 0.0, d])
+        links.append((xyz, rpy, axis, _rod(mass, 0.5 * way, way, radius)))
         # the transform of the table comes after the joint, so the next link bears it
-        xyz = way
-        rpy = np.array([alpha, 0.0, 0.0])
-    return _serial(links)
+        xyz, rpy = way, np.array([alpha, 0, 0], dtype=float)
+    return links
 
 
 AXES = ("z", "y", "y", "x", "y", "x", "y")
@@ -393,15 +374,15 @@ def _drawn(rng: np.random.Generator, n: int) -> Arm:
         com = 0.5 * way + rng.uniform(-0.03, 0.03, 3)
         rod = _rod(masses[j], com, way, 0.25 * lengths[j] + 0.02)
         axis = np.array([float(name == AXES[j]) for name in "xyz"])
-        links.append(ChainLink(xyz, np.zeros(3), axis, rod))
+        links.append((xyz, np.zeros(3), axis, rod))
         xyz = way
     outer = np.array([masses[j:].sum() * lengths[j:].sum() for j in range(n)])
     inertia = 0.05 * outer * lengths + 0.01
-    friction = list(0.1 * outer + 0.03)
+    friction = 0.1 * outer + 0.03
     sheet = Sheet(
-        home=list(HOME[:n]),
-        half=list(HALF[:n]),
-        armature=list(4.0 * inertia),
+        home=HOME[:n],
+        half=HALF[:n],
+        armature=4.0 * inertia,
         coulomb=friction,
         viscous=friction,
         payload=0.35 * float(masses[-3:].sum()),
@@ -413,7 +394,7 @@ def _rod(mass: float, com: np.ndarray, way: np.ndarray, radius: float) -> Inerti
     """A thick rod along ``way``: m (l^2 - way way^T) / 12 plus m r^2 / 2 about every axis."""
     thin = _steiner(mass, way) / 12.0
     thick = 0.5 * mass * radius**2 * np.eye(3)
-    return Inertial(mass, np.asarray(com), thin + thick)
+    return Inertial(mass, com, thin + thick)
 
 
 def _serial(links: list[ChainLink]) -> ET.Element:
@@ -421,14 +402,14 @@ def _serial(links: list[ChainLink]) -> ET.Element:
     root = ET.Element("robot", name="arm")
     ET.SubElement(root, "link", name="base")
     parent = "base"
-    for k, link in enumerate(links, 1):
+    for k, (xyz, rpy, axis, inertial) in enumerate(links, 1):
         child = f"link_{k}"
-        set_inertial(ET.SubElement(root, "link", name=child), link.inertial)
+        set_inertial(ET.SubElement(root, "link", name=child), inertial)
         joint = ET.SubElement(root, "joint", name=f"joint_{k}", type="revolute")
         ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=child)
-        ET.SubElement(joint, "origin", xyz=_text(link.xyz), rpy=_text(link.rpy))
-        ET.SubElement(joint, "axis", xyz=_text(link.axis))
+        ET.SubElement(joint, "origin", xyz=_text(xyz), rpy=_text(rpy))
+        ET.SubElement(joint, "axis", xyz=_text(axis))
         add_limit(joint)
         parent = child
     return root

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -139,12 +138,36 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
     postures = arm.home + rng.uniform(-1, 1, (20, arm.n)) * arm.half
     inertia = inertia_diagonal(model, postures).mean(axis=0)
     torques = [_nominal_torque(arm, model, motion) for motion in motions]
-    loop = _draw_loop(arm, inertia, torques, conditions, rng)
-    healthy = _draw_healthy(arm.n, conditions.noise, rng)
-    ahead = [
-        _feedforward(loop.feedforward, model, motion, torque)
-        for motion, torque in zip(motions, torques, strict=True)
-    ]
+    # a PD controller of 3 to 4.5 Hz bandwidth whose limit lies well above what the motions need
+    w = rng.uniform(20, 28)
+    damping = rng.uniform(0.8, 1.0)
+    kp = (inertia + arm.armature) * w**2 * rng.uniform(0.85, 1.15, arm.n)
+    kd = 2 * damping / w * kp
+    needed = np.max([np.abs(torque).max(axis=0) for torque in torques], axis=0)
+    loop = Loop(
+        rate=float(conditions.loop_rate),
+        kp=kp,
+        kd=kd,
+        # room for the damping of an error of 0.5 rad/s
+        limit=needed * rng.uniform(2.5, 3.5) + kd * 0.5,
+        cutoff=float(rng.choice([50.0, 80.0, 120.0])),
+        damping=float(rng.choice([0.7, 0.9, 1.0])),
+        feedforward=str(rng.choice(["none", "gravity", "nominal"], p=[0.2, 0.3, 0.5])),
+    )
+    healthy = HealthyArm(
+        step=STEP,
+        encoder_step=2 * np.pi / 2 ** int(rng.integers(16, 20)),
+        noise=rng.uniform(0.5e-5, 2.2e-5) * conditions.noise,
+        stribeck=rng.uniform(0.03, 0.15, arm.n),
+        knee=rng.uniform(0.01, 0.06, arm.n),
+        presliding=10 ** rng.uniform(-4.7, -4.0),
+        bend=rng.uniform(0.94, 1.0, arm.n),
+    )
+    ahead = [np.zeros_like(motion.q) for motion in motions]
+    if loop.feedforward == "nominal":
+        ahead = torques
+    elif loop.feedforward == "gravity":
+        ahead = [_rigid_torque(model, motion, gravity_only=True) for motion in motions]
     noise = [healthy.noise * rng.standard_normal(motion.q.shape) for motion in motions]
     believed = arm.root
     if conditions.inertials_off:
@@ -182,19 +205,6 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
         return None
     twin, _ = setup.gap(rows)
     return replace(setup, twin=twin, floor=rms(twin))
-
-
-def _draw_healthy(n: int, noise: float, rng: np.random.Generator) -> HealthyArm:
-    """The small imperfections of a healthy arm of n joints; ``noise`` is a factor on that of the encoders [1]."""
-    return HealthyArm(
-        step=STEP,
-        encoder_step=2 * np.pi / 2 ** int(rng.integers(16, 20)),
-        noise=rng.uniform(0.5e-5, 2.2e-5) * noise,
-        stribeck=rng.uniform(0.03, 0.15, n),
-        knee=rng.uniform(0.01, 0.06, n),
-        presliding=10 ** rng.uniform(-4.7, -4.0),
-        bend=rng.uniform(0.94, 1.0, n),
-    )
 
 
 def sheet_of(arm: Arm) -> dict[str, np.ndarray]:
@@ -239,43 +249,6 @@ def _motions(
         for kind, length in zip(kinds, lengths, strict=True)
     ]
     return motions, kinds
-
-
-def _draw_loop(
-    arm: Arm,
-    inertia: np.ndarray,
-    torques: list[np.ndarray],
-    conditions: Conditions,
-    rng: np.random.Generator,
-) -> Loop:
-    """A PD controller of 3 to 4.5 Hz bandwidth whose limit lies well above what the motions need."""
-    w = rng.uniform(20, 28)
-    damping = rng.uniform(0.8, 1.0)
-    kp = (inertia + arm.armature) * w**2 * rng.uniform(0.85, 1.15, arm.n)
-    kd = 2 * damping / w * kp
-    needed = np.max([np.abs(torque).max(axis=0) for torque in torques], axis=0)
-    # room for the damping of an error of 0.5 rad/s
-    limit = needed * rng.uniform(2.5, 3.5) + kd * 0.5
-    return Loop(
-        rate=float(conditions.loop_rate),
-        kp=kp,
-        kd=kd,
-        limit=limit,
-        cutoff=float(rng.choice([50.0, 80.0, 120.0])),
-        damping=float(rng.choice([0.7, 0.9, 1.0])),
-        feedforward=str(rng.choice(["none", "gravity", "nominal"], p=[0.2, 0.3, 0.5])),
-    )
-
-
-def _feedforward(
-    kind: str, model: Any, motion: Motion, torque: np.ndarray
-) -> np.ndarray:
-    """Feedforward of a kind [N m], (N, n); ``torque`` is that of the nominal arm."""
-    if kind == "nominal":
-        return torque
-    if kind == "gravity":
-        return _rigid_torque(model, motion, gravity_only=True)
-    return np.zeros_like(motion.q)
 
 
 # Drawing a cause and giving it the size that its severity class asks for.
@@ -486,9 +459,14 @@ def _attempt(spec: CaseSpec, rng: np.random.Generator, attempt: int) -> MadeCase
     if causes is None:
         return None
     plant = setup.plant(causes)
-    rows = _record_all(setup, plant)
-    if rows is None:
-        return None
+    rows = []
+    # the held-out one is tried first, and becomes the last
+    for which in (-1, *range(len(setup.motions) - 1)):
+        recorded = setup.run(plant, which)
+        if recorded is None:
+            return None
+        rows.append(recorded)
+    rows = [*rows[1:], rows[0]]
     if attempt < EASED[2] and not _shown(setup, causes, rows, spec):
         return None
     gap, scale = setup.gap(rows[-1])
@@ -498,9 +476,10 @@ def _attempt(spec: CaseSpec, rng: np.random.Generator, attempt: int) -> MadeCase
     # together several causes may cancel
     if by_torque and strong and ratio.max() < VISIBLE:
         return None
-    spoiled = [_spoiled(plant, recorded, rng) for recorded in rows]
     label = _label(spec, setup, causes, gap, scale, attempt)
-    return MadeCase(setup, plant, tuple(causes), spoiled, label)
+    for spoil in plant.spoil:
+        rows = [spoil(recorded, rng) for recorded in rows]
+    return MadeCase(setup, plant, tuple(causes), rows, label)
 
 
 def _draw_causes(
@@ -517,20 +496,6 @@ def _draw_causes(
             return None
         causes.append(cause)
     return causes
-
-
-def _record_all(setup: CaseSetup, plant: TrueArm) -> list[Columns] | None:
-    """All recordings, the held-out one as the last; ``None`` as soon as one cannot be used."""
-    held_out = setup.run(plant, -1)
-    if held_out is None:
-        return None
-    rows = []
-    for k in range(len(setup.motions) - 1):
-        recorded = setup.run(plant, k)
-        if recorded is None:
-            return None
-        rows.append(recorded)
-    return [*rows, held_out]
 
 
 def _shown(
@@ -551,12 +516,6 @@ def _shown(
         if rms(gap)[joint] > least:
             return True
     return False
-
-
-def _spoiled(plant: TrueArm, rows: Columns, rng: np.random.Generator) -> Columns:
-    for spoil in plant.spoil:
-        rows = spoil(rows, rng)
-    return rows
 
 
 def _label(
@@ -621,20 +580,8 @@ def write_case(
         made.plant.spoil_urdf(root)
     (folder / "robot.urdf").write_text(text_of(root), encoding="utf-8")
     names = [f"recording_{letter}.csv" for letter in "abcdefgh"[: len(made.rows) - 1]]
-    content = _case_content(made, name, bare)
-    content["recordings"] = names
-    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110)
-    (folder / "case.yaml").write_text(text, encoding="utf-8")
-    channels = ("q", "tau") if bare else ("q", "dq", "tau", "q_ref", "dq_ref")
-    paths = [*(folder / name for name in names), unseen]
-    for rows, path in zip(made.rows, paths, strict=True):
-        _write_rows(rows, path, channels)
-
-
-def _case_content(made: MadeCase, name: str, bare: bool) -> dict[str, Any]:
-    """The parts of ``case.yaml`` on arm and controller; without the controller if ``bare``."""
     arm, loop = made.setup.arm, made.setup.loop
-    content: dict[str, Any] = {
+    content = {
         "name": name,
         "robot": "robot.urdf",
         "nominal": {
@@ -655,21 +602,19 @@ def _case_content(made: MadeCase, name: str, bare: bool) -> dict[str, Any]:
             "feedforward": loop.feedforward,
             "velocity_filter": {"cutoff": loop.cutoff, "damping": loop.damping},
         }
-    return content
+    content["recordings"] = names
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110)
+    (folder / "case.yaml").write_text(text, encoding="utf-8")
+    # recordings as CSV: t, then each channel's joints
+    channels = ("q", "tau") if bare else ("q", "dq", "tau", "q_ref", "dq_ref")
+    joints = range(1, arm.n + 1)
+    head = ",".join(["t", *(f"{x}{j}" for x in channels for j in joints)])
+    paths = [*(folder / name for name in names), unseen]
+    for rows, path in zip(made.rows, paths, strict=True):
+        table = np.column_stack([rows["t"], *(rows[channel] for channel in channels)])
+        np.savetxt(path, table, "%.8g", ",", header=head, comments="")
 
 
 def _plain(values: np.ndarray) -> list[float]:
     """Numbers of a case file, to eight digits."""
     return [float(f"{x:.8g}") for x in values]
-
-
-def _write_rows(rows: Columns, path: Path, channels: tuple[str, ...]) -> None:
-    """A recording as CSV: t, then each channel's joints."""
-    n = rows["q"].shape[1]
-    head = ["t"]
-    for channel in channels:
-        head += [f"{channel}{j}" for j in range(1, n + 1)]
-    table = np.column_stack([rows["t"], *(rows[channel] for channel in channels)])
-    with path.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerow(head)
-        np.savetxt(file, table, fmt="%.8g", delimiter=",")

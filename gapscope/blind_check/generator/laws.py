@@ -246,16 +246,13 @@ def _elasticity(draws: Draws) -> LawValues:
 
 def _backlash(draws: Draws) -> LawValues:
     stiffness, half_critical = _two_masses(draws, TOOTH)
+    width = np.radians(draws.uniform(0.3, 1.2))
     return {
-        "width": np.radians(draws.uniform(0.3, 1.2)),
+        "width": width,
+        "half": 0.5 * width,
         "stiffness": stiffness,
         "damping": 2 * 0.2 * half_critical,
     }
-
-
-def _loosen(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    plant.put("play", joints, 0.5 * values["width"])
-    puts(stiffness="stiffness", damping="damping")(plant, joints, values)
 
 
 def _spring(draws: Draws) -> LawValues:
@@ -285,8 +282,9 @@ TRANSMISSION = (
     Law(
         "backlash",
         _backlash,
-        _loosen,
+        puts(play="half", stiffness="stiffness", damping="damping"),
         {"width": "rad"},
+        powers={"width": 1, "half": 1},
         joints="inner",
         largest={"width": 0.06},
         own=False,
@@ -479,8 +477,6 @@ SENSING = (
 
 # Faults of the set-up: the recording, or the nominal URDF, differs from its description.
 
-STAMPS = ("gaps", "repeats", "jitter", "wrong_rate")
-"""Kinds of wrong time stamps."""
 UNITS = ("degrees", "milliseconds", "motor_side")
 """Kinds of wrong units."""
 
@@ -523,7 +519,7 @@ def _apply_shift(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
 
 def _stamps(draws: Draws) -> LawValues:
     rng = draws.rng
-    kind = str(rng.choice(STAMPS))
+    kind = str(rng.choice(list(STAMPS)))
     amount = {
         "gaps": rng.uniform(0.03, 0.1),
         "repeats": rng.uniform(0.02, 0.1),
@@ -534,13 +530,7 @@ def _stamps(draws: Draws) -> LawValues:
 
 
 def _apply_stamps(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    kind, amount = str(values["kind"]), float(values["amount"])
-    change = {
-        "wrong_rate": _stretched,
-        "jitter": _jittered,
-        "repeats": _repeated,
-        "gaps": _with_gaps,
-    }[kind]
+    change, amount = STAMPS[str(values["kind"])], float(values["amount"])
     plant.spoil.append(lambda rows, rng: change(rows, amount, rng))
 
 
@@ -575,6 +565,15 @@ def _with_gaps(rows: Columns, amount: float, rng: np.random.Generator) -> Column
         begin = rng.integers(count // 20, count - count // 20)
         lost[begin : begin + length] = True
     return {name: x[~lost] for name, x in rows.items()}
+
+
+STAMPS = {
+    "gaps": _with_gaps,
+    "repeats": _repeated,
+    "jitter": _jittered,
+    "wrong_rate": _stretched,
+}
+"""Kinds of wrong time stamps, and what they make of a recording and an amount."""
 
 
 FAULTS = (

@@ -37,7 +37,7 @@ def filtered(series: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     """Zero-phase Butterworth low-pass of order 2, forward and backward, along axis 0."""
     sos = butter(2, min(cutoff, 0.35 * rate), output="sos", fs=rate)
     padding = min(len(series) - 1, int(3 * rate / cutoff))
-    return np.asarray(sosfiltfilt(sos, series, axis=0, padlen=padding))
+    return sosfiltfilt(sos, series, axis=0, padlen=padding)
 
 
 def smooth_motion(recording: Recording) -> Motion:
@@ -53,7 +53,7 @@ def smooth_motion(recording: Recording) -> Motion:
 def at_samples(series: np.ndarray, motion: Motion, t: np.ndarray) -> np.ndarray:
     """A series on a motion's grid, (N, n), at times t [s], (M, n)."""
     inside = np.clip(t, *motion.t[[0, -1]])
-    return np.asarray(PchipInterpolator(motion.t, series)(inside))
+    return PchipInterpolator(motion.t, series)(inside)
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class Put:
         """
         full = np.zeros_like(self.scene.dq)
         full[:, self.joints if len(self.joints) else slice(None)] = torque
-        tau, sensor = np.asarray(self.recording.tau), self.recording.tau_sensor
+        tau, sensor = self.recording.tau, self.recording.tau_sensor
         if sensor is not None and link_side:
             sensor = sensor + full
         return replace(self.recording, tau=tau + full, tau_sensor=sensor)

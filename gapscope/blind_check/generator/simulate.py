@@ -41,9 +41,13 @@ def draw_motion(
     t = np.arange(round(duration * rate)) / rate
     top = rng.uniform(1.2, 1.8) * rng.uniform(0.85, 1.0, arm.n)
     if kind == "point_to_point":
-        return _about(arm.home, t, _points(arm, t, top, rng))
+        q, dq, ddq = _points(arm, t, top, rng)
+        return Motion(t, arm.home + q, dq, ddq)
     if kind == "fast":
-        series = _fast(arm, t, top, rng)
+        # slow sines through the range, and fast ones on top of them
+        slow = _within(_sines(t, (0.09, 0.5), 4, 0.6 * top, rng), 0.9 * arm.half)
+        fast = _sines(t, (3.0, 7.5), 4, 0.4 * top, rng)
+        series = slow[0] + fast[0], slow[1] + fast[1], slow[2] + fast[2]
     else:
         low, high, count = _BANDS[kind]
         # drawn for every kind, so that a seed gives the same draws whatever the kind
@@ -51,20 +55,16 @@ def draw_motion(
         share = {"crawl": 0.2, "slow": slow_share, "middle": 1.0}[kind]
         series = _sines(t, (low, high), count, share * top, rng)
         series = _within(series, arm.half)
-    return _about(arm.home, t, _faded(t, series))
-
-
-def _about(home: np.ndarray, t: np.ndarray, series: Series) -> Motion:
-    """A motion about a posture [rad], (n,)."""
     q, dq, ddq = series
-    return Motion(t, home + q, dq, ddq)
-
-
-def _fast(arm: Arm, t: np.ndarray, top: np.ndarray, rng: np.random.Generator) -> Series:
-    """Slow sines through the range, and fast ones on top of them."""
-    slow = _within(_sines(t, (0.09, 0.5), 4, 0.6 * top, rng), 0.9 * arm.half)
-    fast = _sines(t, (3.0, 7.5), 4, 0.4 * top, rng)
-    return slow[0] + fast[0], slow[1] + fast[1], slow[2] + fast[2]
+    # times an envelope e that rises from 0 and falls back to it within ``RAMP``; product rule
+    rise, rise_rate, rise_curve = _quintic(t, RAMP)
+    fall, fall_rate, fall_curve = _quintic(t[-1] - t, RAMP)
+    e = (rise * fall)[:, None]
+    de = (rise_rate * fall - fall_rate * rise)[:, None]
+    # the flanks never overlap, so that the mixed term of the product is zero
+    dde = (rise_curve * fall + fall_curve * rise)[:, None]
+    q, dq, ddq = e * q, de * q + e * dq, dde * q + 2 * de * dq + e * ddq
+    return Motion(t, arm.home + q, dq, ddq)
 
 
 def _sines(
@@ -100,18 +100,6 @@ def _within(series: Series, half: np.ndarray) -> Series:
 
 RAMP = 1.0
 """Time in which a motion sets in and fades [s]."""
-
-
-def _faded(t: np.ndarray, series: Series) -> Series:
-    """The motion times an envelope e that rises from 0 and falls back to it within ``RAMP``; product rule."""
-    q, dq, ddq = series
-    rise, rise_rate, rise_curve = _quintic(t, RAMP)
-    fall, fall_rate, fall_curve = _quintic(t[-1] - t, RAMP)
-    e = (rise * fall)[:, None]
-    de = (rise_rate * fall - fall_rate * rise)[:, None]
-    # the flanks never overlap, so that the mixed term of the product is zero
-    dde = (rise_curve * fall + fall_curve * rise)[:, None]
-    return e * q, de * q + e * dq, dde * q + 2 * de * dq + e * ddq
 
 
 def _quintic(
@@ -396,7 +384,18 @@ class _Simulation:
         self._force = self._data.qfrc_applied
         self._joints = plant.record()
         self._state = np.zeros(1, dtype=joint.STATE)
-        _start(plant, self._model, self._data, self._state, start)
+        # at rest at the encoders' reading: compliant joints deflected by gravity, joints cold
+        values = plant.values
+        motor, stiffness = start - values["encoder"], values["stiffness"]
+        still = np.zeros((1, n))
+        gravity = inverse_dynamics(self._model, motor[None], still, still)[0]
+        twist = gravity / np.maximum(stiffness, 1e-9)
+        twist = twist + values["play"] * np.sign(gravity)
+        self._q[:] = motor - np.where(stiffness > 0, twist, 0.0)
+        self._state["theta"][0, :n] = motor
+        self._state["cold"] = 1.0
+        for name in ("first", "second"):
+            self._state[name][0, :n] = gravity
         self._memory = np.zeros(1, dtype=true_arm.FILTER)
         self._memory["x1"] = np.nan  # no tick yet
         self._filter = plant.loop.coefficients()
@@ -421,8 +420,7 @@ class _Simulation:
     def command(self, given: np.ndarray, out: np.ndarray) -> int:
         """One tick of the controller; see ``true_arm.command``."""
         controller = self._joints, self._state, self._memory, self._filter
-        clipped: int = true_arm.command(*controller, self._q, given, out)
-        return clipped
+        return true_arm.command(*controller, self._q, given, out)
 
     def advance(self, command: np.ndarray) -> None:
         """The steps until the next tick, under a command that is held [N m], (n,)."""
@@ -461,20 +459,3 @@ class _Simulation:
             self._tip_before = here
             velocity = (here - before) / plant.healthy.step
             self._data.xfrc_applied[self._tip, :3] = plant.push(t, here, velocity)
-
-
-def _start(
-    plant: TrueArm, model: Any, data: Any, state: np.ndarray, q: np.ndarray
-) -> None:
-    """Begin at rest at the encoders' reading q [rad]: compliant joints deflected by gravity, joints cold."""
-    n, values = plant.arm.n, plant.values
-    motor = q - values["encoder"]
-    still = np.zeros((1, n))
-    gravity = inverse_dynamics(model, motor[None], still, still)[0]
-    stiffness = values["stiffness"]
-    twist = gravity / np.maximum(stiffness, 1e-9) + values["play"] * np.sign(gravity)
-    data.qpos[:] = motor - np.where(stiffness > 0, twist, 0.0)
-    state["theta"][0, :n] = motor
-    state["cold"] = 1.0
-    for name in ("first", "second"):
-        state[name][0, :n] = gravity

@@ -102,26 +102,10 @@ def _by_joint(
     return block_jackknife(problem, estimate.value, np.diag(noise**-2.0))
 
 
-def _unweighted(
-    problem: Problem, estimator: Estimator, estimate: Estimate
-) -> Uncertainty:
-    return block_jackknife(problem, estimate.value)
-
-
-def _across(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
-    weight = np.linalg.inv(noise_across(problem, estimate.value))
-    return block_jackknife(problem, estimate.value, weight)
-
-
 def _repeated(
     problem: Problem, estimator: Estimator, estimate: Estimate
 ) -> Uncertainty:
     return refit_jackknife(problem, estimator)
-
-
-def _robust(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
-    # without a stretch the estimate is nearly the same
-    return refit_jackknife(problem, partial(huber, start=estimate.value))
 
 
 def _stated(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
@@ -173,8 +157,18 @@ METHODS: dict[str, Method] = {
         f"{_WITH_FORM}, of weighted least squares without the constraints",
     ),
     "wls": _plain(weighted_least_squares, _by_joint, _WITH_FORM),
-    "ols": _plain(ordinary_least_squares, _unweighted, _WITH_FORM),
-    "irls": _plain(huber, _robust),
+    "ols": _plain(
+        ordinary_least_squares,
+        lambda problem, _, estimate: block_jackknife(problem, estimate.value),
+        _WITH_FORM,
+    ),
+    "irls": _plain(
+        huber,
+        # without a stretch the estimate is nearly the same
+        lambda problem, _, estimate: refit_jackknife(
+            problem, partial(huber, start=estimate.value)
+        ),
+    ),
     "ridge": Method(
         lambda given: partial(ridge, prior=given.prior, choice=given.strength),
         _repeated,
@@ -191,7 +185,15 @@ METHODS: dict[str, Method] = {
         _UNBIASED,
     ),
     "total_least_squares": _plain(total_least_squares),
-    "maximum_likelihood": _plain(maximum_likelihood, _across, _WITH_FORM),
+    "maximum_likelihood": _plain(
+        maximum_likelihood,
+        lambda problem, _, estimate: block_jackknife(
+            problem,
+            estimate.value,
+            np.linalg.inv(noise_across(problem, estimate.value)),
+        ),
+        _WITH_FORM,
+    ),
     "kalman": _plain(
         kalman,
         _stated,

@@ -12,7 +12,13 @@ from scipy.stats import norm
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.root_mean_square import rms
-from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH, Factor
+from gapscope.ident.model.base_parameters import (
+    CONTRIBUTION,
+    ROUNDING,
+    TINY,
+    WORTH,
+    Factor,
+)
 from gapscope.ident.samples import (
     FOLDS,
     Problem,
@@ -58,11 +64,11 @@ Estimator = Callable[[Problem], Estimate]
 # What the linear estimators share: noise, scales, and the estimate that follows.
 
 
-MIN_NOISE = 1e-3
+MIN_NOISE = CONTRIBUTION
 """Least noise over the RMS of the torque where equations have to stay well scaled beside a prior [1]."""
 ROUNDS = 100
 """Most rounds of estimating noise, or weights, and parameters in turn."""
-SETTLED = 1e-6
+SETTLED = CONTRIBUTION**2
 """They end before if parameters move by this share of their deviations, or the torque by this of its size [1]."""
 
 
@@ -562,7 +568,13 @@ def partial_update(problem: Problem, prior: np.ndarray) -> Estimate:
     Source: pham1991.
     """
     check_samples(problem, full_rank=False)
-    spread = prior_spread(problem, prior)
+    friction = [re.fullmatch(r"[bco]\d+", name) is not None for name in problem.names]
+    relative = np.where(friction, FRICTION_RELATIVE, RELATIVE)
+    column_rms = rms(problem.matrix, axis=(0, 1))
+    least_rms = 1e-6 * column_rms.max() + TINY
+    # a parameter that is zero in the prior may still add this share of the torque
+    slight = SLIGHT * rms(problem.torque, axis=None) / np.maximum(column_rms, least_rms)
+    spread = np.maximum(relative * np.abs(prior), slight)
     free = joint_noise(problem, free_fit(problem, prior, spread))
     # few samples leave a free fit nothing: at first something slight counts as noise
     noise = np.hypot(free, SLIGHT * rms(problem.torque).max())
@@ -591,15 +603,3 @@ def partial_update(problem: Problem, prior: np.ndarray) -> Estimate:
             "the data move no parameter: too little motion, or a prior that is already as good",
         )
     return finished(problem, beta, covariance, *warnings)
-
-
-def prior_spread(problem: Problem, prior: np.ndarray) -> np.ndarray:
-    """Prior standard deviation of a simulated arm's parameters, shape (b,)."""
-    friction = [re.fullmatch(r"[bco]\d+", name) is not None for name in problem.names]
-    relative = np.where(friction, FRICTION_RELATIVE, RELATIVE)
-    column_rms = rms(problem.matrix, axis=(0, 1))
-    least_rms = 1e-6 * float(column_rms.max()) + TINY
-    # a parameter that is zero in the prior may still add this share of the torque
-    torque_rms = SLIGHT * rms(problem.torque, axis=None)
-    slight = torque_rms / np.maximum(column_rms, least_rms)
-    return np.maximum(relative * np.abs(prior), slight)

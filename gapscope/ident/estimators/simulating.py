@@ -94,7 +94,7 @@ def check_controller(
     most = np.inf if limit is None else AT_LIMIT * limit
     free = (np.abs(recording.tau) < most)[inner]
     spread = recording.tau.std(axis=0)
-    found: list[str] = []
+    found = []
     for j, rows_free in enumerate(free.T):
         own = feedback[rows_free, j]
         columns = np.column_stack([stiff[rows_free, j], damped[rows_free, j]])
@@ -153,7 +153,7 @@ class Experiment:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What was noticed about controller and recordings."""
-        found: list[str] = []
+        found = []
         limit = self.regressor.arm.torque_limit
         for own, (commands, rows) in zip(self.recordings, self._commanded, strict=True):
             found += check_controller(own, self.controller, commands, rows, limit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -48,7 +48,6 @@ from gapscope.ident.excitation.trajectory_search import (
     Separator,
     TrajectorySearch,
     check_motion_limits,
-    check_sampling,
     evolution,
     random_search,
     refinement,
@@ -196,6 +195,8 @@ def check_written(
 # What kind of exciting trajectory is wanted.
 
 
+MIN_RATIO = 10.0
+"""Samples per period of the highest frequency, at least [1]."""
 SHORTEST = 10.0
 """Duration if none is asked for, or one period if that is longer [s]."""
 
@@ -281,7 +282,14 @@ class ExcitationPlan:
                 where="duration",
             )
         check_sample_count(length, max(self.rate, CHECKED_RATE))
-        check_sampling(self.rate, self.family(1).highest_frequency)
+        needed = MIN_RATIO * self.family(1).highest_frequency
+        if not self.rate >= needed * (1 - 1e-9):
+            raise InputError(
+                f"{self.rate:g} samples per second are fewer than {MIN_RATIO:g} times the highest frequency, "
+                f"{needed / MIN_RATIO:g} Hz",
+                f"sample at {needed:g} Hz or more, or lower the base frequency or the order",
+                where="rate",
+            )
 
     @property
     def length(self) -> float:
@@ -452,8 +460,6 @@ def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -
 
 SLOW = 0.2
 """Speed of the version of a trajectory that is run first, as a share of its own [1]."""
-TRIES = 20
-"""Candidates that are checked at every sample, the best first, before giving up."""
 SEPARATING_RATE = 2 * PER_CUTOFF * TORQUE_CUTOFF
 """Samples per second of a candidate that is scored by predictions over time [Hz]: every other one is a row."""
 
@@ -582,7 +588,12 @@ def prepare(
     elif len(plan.effects) > 1:
         separator = separator_of(arm, body, plan.effects)
     # tighter than the final limits, for what lies between the samples of the search
-    tight = allowed.tightened(**TIGHTER)
+    tight = replace(
+        allowed,
+        torque=allowed.torque * (1 - TIGHTER["torque"]),
+        singular=allowed.singular * (1 + TIGHTER["singular"]),
+        clearance=allowed.clearance + TIGHTER["clearance"],
+    )
     near = None if collision is None else collision.nearby(tight.clearance)
     separating = plan.criterion == "separation"
     search = TrajectorySearch(
@@ -609,8 +620,8 @@ def accept(
     # limits hold between the samples of the plan, too
     parts = int(np.ceil(CHECKED_RATE / plan.rate))
     broken = search.hardest
-    # the search samples coarsely: the best few are checked finely, best first
-    for found in search.found[: -TRIES - 1 : -1]:
+    # the search samples coarsely: those that it kept are checked finely, best first
+    for found in search.found[::-1]:
         reference = search.parametrisation.reference(found.x)
         # what a controller makes of the samples that are written
         written = Sampled(sampled(reference, plan.length, plan.rate))

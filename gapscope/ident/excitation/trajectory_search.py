@@ -48,31 +48,8 @@ from gapscope.ident.model.base_parameters import (
     structural_base,
 )
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
-
-# Whether a sampling rate is high enough for a trajectory.
-
-
-MIN_RATIO = 10.0
-"""Samples per period of the highest frequency, at least [1]."""
-
-
-def check_sampling(rate: float, highest: float) -> None:
-    """Check that there are at least ten samples per period of the highest frequency.
-
-    Args:
-        rate: sampling rate [Hz].
-        highest: highest frequency of the trajectory [Hz].
-
-    Raises:
-        InputError: the rate is too low.
-    """
-    if not rate >= MIN_RATIO * highest * (1 - 1e-9):
-        raise InputError(
-            f"{rate:g} samples per second are fewer than {MIN_RATIO:g} times the highest frequency, {highest:g} Hz",
-            f"sample at {MIN_RATIO * highest:g} Hz or more, or lower the base frequency or the order",
-            where="rate",
-        )
-
+from gapscope.model.conditioning import WORKING_RATE
+from gapscope.model.design import LIKELY
 
 # What a trajectory has to keep, and by how much it keeps it.
 
@@ -114,15 +91,6 @@ class Allowed:
     def jerk(self) -> np.ndarray:
         """Largest jerk [rad/s^3], shape (n,)."""
         return self.motion.acceleration / JERK_TIME
-
-    def tightened(self, torque: float, singular: float, clearance: float) -> Allowed:
-        """With a share less torque, a share more distance from singular poses, and more clearance [m]."""
-        return replace(
-            self,
-            torque=self.torque * (1 - torque),
-            singular=self.singular * (1 + singular),
-            clearance=self.clearance + clearance,
-        )
 
 
 @dataclass(frozen=True)
@@ -445,7 +413,7 @@ KINDS: dict[str, type[Family]] = {
 # From unbounded numbers to trajectories that keep their limits of position, velocity and acceleration.
 
 
-STEP = 0.004
+STEP = 1.0 / WORKING_RATE
 """Time between the samples at which the limits are kept by construction [s]."""
 RESERVE = 0.998
 """Share of the limits that is used, for what lies between those samples [1]."""
@@ -467,7 +435,7 @@ class _Decoded(NamedTuple):
     @property
     def coefficients(self) -> np.ndarray:
         """C [rad], shape (m, n)."""
-        return np.asarray(self.share * self.gain * self.raw)
+        return self.share * self.gain * self.raw
 
 
 class Parametrisation:
@@ -658,9 +626,7 @@ Separator = Callable[[Motion, np.ndarray], Separated]
 """Says how far explanations are apart on a motion of N samples with base regressor W, shape (N, n, b)."""
 
 
-def separator_of(
-    arm: NominalArm, body: RigidBody, names: Sequence[str], seed: int = 0
-) -> Separator:
+def separator_of(arm: NominalArm, body: RigidBody, names: Sequence[str]) -> Separator:
     """Separates effects of typical size: one signature for each joint of an effect on joints, a change of torque.
 
     With Z the signatures, each divided by its norm, and P the residual of a vector after least squares with the
@@ -669,8 +635,7 @@ def separator_of(
     Args:
         arm: the nominal arm.
         body: its rigid bodies.
-        names: of effects in the catalogue, two or more.
-        seed: of their sizes, drawn by ``gapscope.effects.severity``.
+        names: of effects in the catalogue, two or more; their sizes are drawn by ``gapscope.effects.severity``.
 
     Raises:
         InputError: fewer than two effects, the same one twice, or one that is not known.
@@ -681,7 +646,7 @@ def separator_of(
             "name them, with commas",
             where="effects",
         )
-    scale, rng = ArmScale.of(arm), np.random.default_rng(seed)
+    scale, rng = ArmScale.of(arm), np.random.default_rng(0)
     applied: list[AppliedEffect] = []
     for name in names:
         check_known("effect", name, CATALOGUE, where="effects")
@@ -1087,7 +1052,7 @@ def evolution(search: TrajectorySearch, rng: np.random.Generator) -> None:
     """CMA-ES [hansen2016] by the package ``cma``, from the best of random candidates; started anew if it stalls."""
     import cma
 
-    options: dict[str, Any] = {
+    options = {
         "verbose": -9,
         "seed": np.nan,  # the generator that is passed in draws, not numpy's global one
         "randn": lambda *shape: rng.standard_normal(shape),
@@ -1101,7 +1066,7 @@ def evolution(search: TrajectorySearch, rng: np.random.Generator) -> None:
             candidates = strategy.ask()
             scores = []
             for x in candidates:
-                scores.append(search.score(np.asarray(x)))
+                scores.append(search.score(x))
                 if search.spent:
                     return
             strategy.tell(candidates, scores)
@@ -1113,8 +1078,6 @@ def evolution(search: TrajectorySearch, rng: np.random.Generator) -> None:
 PARTICLES = 40
 INERTIA, PULL = 0.7298, 1.4962
 """w and c of a swarm [1]."""
-REACH = 3.0
-"""Particles stay within this many standard deviations of a random draw."""
 
 
 def swarm(search: TrajectorySearch, rng: np.random.Generator) -> None:
@@ -1136,4 +1099,4 @@ def swarm(search: TrajectorySearch, rng: np.random.Generator) -> None:
         leader = best[scores.argmin()]
         v = INERTIA * v + own * (best - x) + common * (leader - x)
         # far out all candidates map to the edge of the limits
-        x = np.clip(x + v, -REACH, REACH)
+        x = np.clip(x + v, -LIKELY, LIKELY)

@@ -25,7 +25,7 @@ WORTH = 0.02
 """A richer model has to lower an error on other data by this share; a poorer one may raise it by as much [1]."""
 
 CONDITION_LIMIT = 1000.0
-"""Condition number above which results are doubtful."""
+"""Condition number above which results are doubtful, and ratio of two neighbours in a spectrum at which it ends."""
 
 # Numerical rank of a regressor: unit columns, and the gap in a spectrum.
 
@@ -33,8 +33,6 @@ CONDITION_LIMIT = 1000.0
 DEPENDENT = 2e-5
 """Largest value of a spectrum, relative to a unit column, that can count as nil. Angles of a URDF rounded to four
 decimals make directions of up to 5e-6, which no recording resolves."""
-CLEAR_GAP = 1e3
-"""Ratio of two neighbours in a spectrum from which the rank is certain."""
 FLOOR = float(np.finfo(float).eps)
 """Values of a spectrum below this are rounding."""
 
@@ -87,8 +85,8 @@ def condition_number(matrix: np.ndarray) -> float:
 def rank_by_gap(spectrum: np.ndarray) -> int:
     """Number of values that are not nil, of a falling spectrum that starts near 1.
 
-    It ends at the first drop by ``CLEAR_GAP`` to a value below ``DEPENDENT``, or, if there is none so clear, at the
-    widest drop to a value below it. All count if no value is so small.
+    It ends at the first drop by ``CONDITION_LIMIT`` to a value below ``DEPENDENT``, or, if there is none so clear, at
+    the widest drop to a value below it. All count if no value is so small.
     """
     small = np.flatnonzero(spectrum <= DEPENDENT)
     if not len(small):
@@ -96,7 +94,7 @@ def rank_by_gap(spectrum: np.ndarray) -> int:
     # below the floor a ratio is one of rounding errors
     values = np.maximum(spectrum, FLOOR)
     drops = values[small - 1] / values[small]
-    clear = np.flatnonzero(drops >= CLEAR_GAP)
+    clear = np.flatnonzero(drops >= CONDITION_LIMIT)
     end = clear[0] if len(clear) else np.argmax(drops)
     return int(small[end])
 
@@ -286,10 +284,18 @@ def base_parameters(Y: np.ndarray, names: Sequence[str]) -> BaseParameters:
     # which: in the order of preference, unless that finds another number
     # in the middle of the gap
     border = np.sqrt(pivots[count - 1] * max(np.append(pivots, 0.0)[count], FLOOR))
-    kept = _independent(scaled, _order(names), border)
-    if len(kept) != count:
-        kept = places[:count]
-    kept = np.sort(kept)
+    span, chosen = np.empty((len(scaled), 0)), []
+    for place in _order(names):
+        rest = scaled[:, place]
+        # Gram-Schmidt
+        for _ in range(2):  # twice is enough for orthogonality to the last bit
+            rest = rest - span @ (span.T @ rest)
+        size = np.linalg.norm(rest)
+        # more than that lies outside the span of those before
+        if size > border:
+            span = np.column_stack([span, rest / size])
+            chosen.append(place)
+    kept = np.sort(chosen if len(chosen) == count else places[:count])
     # every column as a combination of those kept
     weights = np.linalg.lstsq(scaled[:, kept], scaled, rcond=None)[0]
     # rounding would show as combinations that are none
@@ -331,22 +337,6 @@ def random_states(
     return Motion(t, q, dq, ddq)
 
 
-def _independent(scaled: np.ndarray, order: Sequence[int], border: float) -> np.ndarray:
-    """Columns, in the order given, of which more than ``border`` lies outside the span of those before."""
-    span = np.empty((len(scaled), 0))
-    kept = []
-    for place in order:
-        rest = scaled[:, place]
-        # Gram-Schmidt
-        for _ in range(2):  # twice is enough for orthogonality to the last bit
-            rest = rest - span @ (span.T @ rest)
-        size = np.linalg.norm(rest)
-        if size > border:
-            span = np.column_stack([span, rest / size])
-            kept.append(place)
-    return np.array(kept, dtype=int)
-
-
 def _order(names: Sequence[str]) -> list[int]:
     """Places of the columns in the order of preference: link by link, effects last in their order."""
 
@@ -364,7 +354,7 @@ def _order(names: Sequence[str]) -> list[int]:
 
 DEVIATION = 0.3
 """A parameter with a larger relative standard deviation than this is not known from the recording [1]."""
-CONTRIBUTION = 1e-3
+CONTRIBUTION = 1 / CONDITION_LIMIT
 """A parameter that explains a smaller part of the RMS torque than this is negligible [1]."""
 
 
@@ -498,7 +488,7 @@ def recoveries(
     expressions = base.expressions()
     out = []
     for j, name in enumerate(base.names):
-        deviation: float | None = None
+        deviation = None
         status, reason = HIDDEN, "no torque in these recordings depends on it"
         # beyond rounding of a URDF, part of it lies outside what the torque depends on
         if inside[j] >= 1 - DEPENDENT:

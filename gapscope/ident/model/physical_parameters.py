@@ -335,7 +335,7 @@ def possible_least_squares(
             pull = cp.trace(inverse @ matrix) - cp.log_det(matrix)
             cost += 2 * entropic / size**2 * pull
     problem = cp.Problem(cp.Minimize(cost), constraints)
-    failure: object = None
+    failure = None
     with warnings.catch_warnings():  # an inaccurate solution is checked afterwards
         warnings.simplefilter("ignore", UserWarning)
         tight = {"tol_gap_abs": TOLERANCE, "tol_gap_rel": TOLERANCE}
@@ -347,7 +347,7 @@ def possible_least_squares(
                 failure = error
     out = nominal
     if change.value is not None:
-        out = np.asarray(nominal + size * unit * change.value)
+        out = nominal + size * unit * change.value
         out[bounded] = np.maximum(out[bounded], 0.0)
     bodies = out[: 10 * links].reshape(-1, 10)
     if change.value is None or not is_consistent(bodies).all():

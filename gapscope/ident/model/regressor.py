@@ -11,7 +11,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import drives_with
+from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
 
@@ -72,13 +72,20 @@ class Regressor:
         """Y of a motion of N samples, shape (N, n, p)."""
         n, links = self.arm.n_joints, 10 * self.arm.n_joints
         out = np.zeros((len(motion.t), n, len(self.names)))
+        still, joints = np.zeros_like(motion.q), tuple(range(1, n + 1))
+
+        def torque(*effects: AppliedEffect) -> np.ndarray:
+            """What is recorded of an arm that needs none but by effects [N m], (N, n)."""
+            arm = CorrectedArm(self.arm, effects)
+            return arm.recorded_torque(arm.needed_torque(still, motion), motion)
+
         # written in place: the columns of a long motion fill the memory once
         self.body.regressor(motion.q, motion.dq, motion.ddq, out[:, :, :links])
         for k, name in enumerate(self.quantities):
             first = links + k * n
             # a view: a drive acts on its own joint alone
             diagonal = np.einsum("ijj->ij", out[:, :, first : first + n])
-            diagonal[:] = self._unit_torque(name, motion)
+            diagonal[:] = torque(drives_with(joints, **{name: np.ones(n)})) - torque()
         return out
 
     def nominal(self) -> np.ndarray:
@@ -86,18 +93,3 @@ class Regressor:
         # on an arm without effects these are the data sheet's
         drives = (CorrectedArm(self.arm).quantity(name) for name in self.quantities)
         return np.concatenate([self.body.inertial_parameters(), *drives])
-
-    def _unit_torque(self, name: str, motion: Motion) -> np.ndarray:
-        """Recorded torque that a quantity of 1 adds to an arm that needs none [N m], shape (N, n)."""
-        n, still = self.arm.n_joints, np.zeros_like(motion.q)
-        joints = tuple(range(1, n + 1))
-        applied = drives_with(joints, **{name: np.ones(n)})
-        with_it, without = (
-            CorrectedArm(self.arm, effects) for effects in ((applied,), ())
-        )
-        return np.subtract(
-            *(
-                a.recorded_torque(a.needed_torque(still, motion), motion)
-                for a in (with_it, without)
-            )
-        )

@@ -33,14 +33,14 @@ class _Torque(torch.nn.Module):
     def forward(self, windows: torch.Tensor) -> torch.Tensor:
         residual, seen = self.residual, Tensor(windows)
         near = seen[:, :, -1, residual.inputs.layout.neighbourhood]
-        mean: Any = np.zeros((residual.inputs.n, 1))
+        mean = np.zeros((residual.inputs.n, 1))
         for k, network in enumerate(residual.networks):
             output, _ = network.outputs(seen)  # type: ignore[arg-type]
             speaks = (residual.chosen == k)[:, None]
             mean = mean + output.sum(axis=0) / network.members * speaks
         torque = mean * residual.trust.factor(near) * residual.scale[:, None]  # type: ignore[arg-type]
         bound = residual.bound[:, None]
-        limited: Any = np.clip(torque, -bound, bound)
+        limited = np.clip(torque, -bound, bound)
         return torch.as_tensor(limited.tensor.T)
 
 

@@ -37,10 +37,13 @@ from gapscope.effects.residual import (
     nearest,
     part_of_each,
 )
+from gapscope.ident.estimators.linear import SLIGHT
 from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 from gapscope.ident.samples import MOVING, PER_CUTOFF, split
 from gapscope.model.conditioning import (
+    BY_CHANCE,
+    FEWEST_ROWS,
     TORQUE_CUTOFF,
     Segment,
     condition,
@@ -221,7 +224,7 @@ def project_heads(
     turned = np.concatenate([heads[joint].turned for joint in weights])
     inside = sum(heads[joint].inside @ w for joint, w in weights.items())
     # in z = L^T dw the least change is the solution of least norm
-    z = np.linalg.lstsq(turned.T, -np.asarray(inside), rcond=1e-12)[0]
+    z = np.linalg.lstsq(turned.T, -inside, rcond=1e-12)[0]
     cuts = np.cumsum([len(w) for w in weights.values()])[:-1]
     changes = zip(weights, np.split(z, cuts), strict=True)
     return {
@@ -256,7 +259,7 @@ def parameter_moves(
     spread = np.einsum("mnk,mnl,n->kl", by_joint, by_joint, noise)
     variance = np.diag(gram @ spread @ gram)
     move = gram @ (unit.T @ torque.ravel())
-    return np.asarray(np.abs(move) / np.sqrt(np.clip(variance, TINY, None)))
+    return np.abs(move) / np.sqrt(np.clip(variance, TINY, None))
 
 
 # Columns of the physics: what effects and inertial parameters can explain, which a network must not learn.
@@ -388,7 +391,7 @@ def groups(trajectories: Sequence[Trajectory], members: int) -> np.ndarray:
 # Rows of all trajectories as a residual network sees them.
 
 
-REACH = 0.99
+REACH = 1.0 - BY_CHANCE
 """Quantile of the distance of held-out rows from the others up to which a network is tested, and trusted in full."""
 QUIET = 0.1
 """A recording weighs as if its RMS were at least this share of the loudest one's."""
@@ -414,7 +417,7 @@ class ResidualRows:
         scale: RMS of the residual [N m], (n,).
         held: rows that each member holds out, the groups m, m + members, ..., (M, N).
         targets: residual without what the physics explains of it in the rows that the member is fitted to, (M, N, n).
-        weight: one over the RMS of the row's group, per joint, (N, n).
+        weight: one over the RMS of the row's group, per joint, over its RMS over all rows, (N, n).
     """
 
     inputs: Inputs
@@ -440,7 +443,7 @@ class ResidualRows:
         """Each row as the members that held it out predict it, from the outputs of all, (M, N, ...); (N, ...)."""
         held = self.held.reshape(*self.held.shape, *[1] * (outputs.ndim - 2))
         total = np.maximum(held.sum(axis=0), 1)
-        return np.asarray((outputs * held).sum(axis=0) / total)
+        return (outputs * held).sum(axis=0) / total
 
 
 def rows_of(
@@ -471,6 +474,11 @@ def rows_of(
         moment = np.einsum("mnr,mn->r", q[fitted], weighted[fitted])
         explaining = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ moment
         targets.append(weighted - q @ explaining)
+    # one over the RMS of each row's group, per joint
+    each, place = np.unique(group, return_inverse=True)
+    square = np.stack([(weighted[group == g] ** 2).mean(axis=0) for g in each])
+    square = np.maximum(square, QUIET**2 * square.max(axis=0))
+    weight = 1.0 / np.sqrt(np.maximum(square, TINY))[place]
     return ResidualRows(
         inputs=inputs,
         windows=windows,
@@ -484,17 +492,8 @@ def rows_of(
         scale=scale,
         held=held,
         targets=np.stack(targets),
-        weight=_group_weights(weighted, group),
+        weight=weight / rms(weight),
     )
-
-
-def _group_weights(residual: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """One over the RMS of each row's group, per joint, over its RMS over all rows, (N, n)."""
-    groups, place = np.unique(group, return_inverse=True)
-    square = np.stack([(residual[group == g] ** 2).mean(axis=0) for g in groups])
-    square = np.maximum(square, QUIET**2 * square.max(axis=0))
-    weight = 1.0 / np.sqrt(np.maximum(square, TINY))[place]
-    return np.asarray(weight / np.sqrt((weight**2).mean(axis=0)))
 
 
 def _inputs(trajectories: Sequence[Trajectory], settings: ResidualSettings) -> Inputs:
@@ -537,8 +536,6 @@ def _reach(now: np.ndarray, group: np.ndarray) -> np.ndarray:
 # Weights of a sum of functions whose sizes, part by part, are chosen by the evidence of the data.
 
 
-LOG_RANGE = (-12.0, 4.0)
-"""Range of the logarithms of a part's prior variance and of the noise's, over that of the target."""
 ITERATIONS = 25
 """Iterations of the search."""
 
@@ -596,7 +593,7 @@ def _evidence_cost(
 # How good each member is on the rows that it holds out.
 
 
-GAINS = np.linspace(0.05, 1.0, 20)
+GAINS = np.linspace(SLIGHT, 1.0, 20)
 """Factors tried on a joint's output."""
 
 
@@ -664,65 +661,54 @@ def fit_additive(rows: ResidualRows, seed: int, progress: Progress = silent) -> 
     now = rows.windows[:, :, -1]
     basis = draw_basis(now.min(axis=1), now.max(axis=1), seed)
     part = part_of_each(basis)
-    members, n = len(rows.held), len(now)
-    weight = np.zeros((members, n, len(part), 2))
+    # the constant is a part of its own
+    parts = np.append(part, part.max() + 1)
+    members, n, judged = len(rows.held), len(now), rows.held.any(axis=0)
+    heads = np.zeros((members, n, len(part), 2))
     bias = np.zeros((members, n, 2))
-    for joint, x in enumerate(basis.features(now)):
+    for joint, functions in enumerate(basis.features(now)):
         progress(f"fits the additive form: joint {joint + 1} of {n}")
-        centre, spread = x.mean(axis=0), x.std(axis=0) + 1e-9
-        scaled = np.column_stack([(x - centre) / spread, np.ones(len(x))])
-        # the constant is a part of its own
-        parts = np.append(part, part.max() + 1)
-        found, noise = _fit_joint(scaled, joint, rows, parts)
+        centre, spread = functions.mean(axis=0), functions.std(axis=0) + 1e-9
+        x = np.column_stack([(functions - centre) / spread, np.ones(len(functions))])
+        target, weight = rows.target[:, joint], rows.weight[:, joint]
+        size = float(rms(target)) or 1.0
+        each = []
+        # of all rows, and of those that each member is fitted to
+        for y, chosen in (
+            (target, rows.group >= 0),
+            *zip(rows.targets[..., joint], rows.fitted, strict=True),
+        ):
+            wx = weight[chosen, None] * x[chosen]
+            wy = weight[chosen] * y[chosen] / size
+            each.append(Equations(wx.T @ wx, wx.T @ wy, float(wy @ wy), len(wy)))
+        # at first each part, and the noise, may be all of the target
+        logs, least = np.zeros(int(parts.max()) + 2), np.inf
+        for share in SHARES:
+            # sizes under which the data are most probable, from those of the share before
+            logs = minimize(
+                _evidence_cost,
+                logs,
+                args=(each[0], parts, share),
+                jac=True,
+                method="L-BFGS-B",
+                bounds=[LOG_VARIANCE] * len(logs),
+                options={"maxiter": ITERATIONS},
+            ).x
+            means = []
+            for own in each[1:]:
+                *_, unit, d = _posterior(own, parts, logs, share)
+                means.append(d * unit)
+            found = size * np.stack(means)
+            left = rows.residual[:, joint] - rows.held_out(found @ x.T)
+            error = float(np.mean((weight * left)[judged] ** 2))
+            if error < least:
+                least, kept, noise = error, found, np.mean(left[judged] ** 2)
         # the head sees the functions as they are
-        by_function = found[:, :-1] / spread
-        weight[:, joint, :, 0] = by_function
-        bias[:, joint, 0] = found[:, -1] - by_function @ centre
+        by_function = kept[:, :-1] / spread
+        heads[:, joint, :, 0] = by_function
+        bias[:, joint, 0] = kept[:, -1] - by_function @ centre
         bias[:, joint, 1] = np.clip(np.log(noise), *LOG_VARIANCE)
-    return Network(ADDITIVE, np.zeros(0, int), (weight,), (bias,), basis)
-
-
-def _fit_joint(
-    x: np.ndarray, joint: int, rows: ResidualRows, part: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """Weights of each member, (members, F), and their mean square error on what they held out."""
-    target, weight = rows.target[:, joint], rows.weight[:, joint]
-    size = float(rms(target)) or 1.0
-    judged = rows.held.any(axis=0)
-
-    def equations(y: np.ndarray, chosen: np.ndarray) -> Equations:
-        wx = weight[chosen, None] * x[chosen]
-        wy = weight[chosen] * y[chosen] / size
-        return Equations(wx.T @ wx, wx.T @ wy, float(wy @ wy), float(len(wy)))
-
-    def left(found: np.ndarray) -> np.ndarray:
-        return (rows.residual[:, joint] - rows.held_out(found @ x.T))[judged]
-
-    whole = equations(target, rows.group >= 0)
-    each = list(map(equations, rows.targets[..., joint], rows.fitted))
-    # at first each part, and the noise, may be all of the target
-    logs = np.zeros(int(part.max()) + 2)
-    least, kept = np.inf, np.zeros((len(each), x.shape[1]))
-    for share in SHARES:
-        # sizes under which the data are most probable, from those of the share before
-        logs = minimize(
-            _evidence_cost,
-            logs,
-            args=(whole, part, share),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[LOG_RANGE] * len(logs),
-            options={"maxiter": ITERATIONS},
-        ).x
-        means = []
-        for own in each:
-            *_, unit, d = _posterior(own, part, logs, share)
-            means.append(d * unit)
-        found = size * np.stack(means)
-        error = float(np.mean((weight[judged] * left(found)) ** 2))
-        if error < least:
-            least, kept = error, found
-    return kept, float(np.mean(left(kept) ** 2))
+    return Network(ADDITIVE, np.zeros(0, int), (heads,), (bias,), basis)
 
 
 # Training of a residual network by torch: a heteroscedastic ensemble, bitwise repeatable.
@@ -862,6 +848,8 @@ def train(
         settings: of the training.
         rows: all rows.
         progress: called with a few words at times.
+
+    Source: seitzer2022.
     """
     with repeatable(settings.seed) as generator:
         where = torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -884,7 +872,11 @@ def train(
             mask = fitted[:, :, chosen]
             said: Any = network.outputs(Tensor(x[:, chosen]))  # type: ignore[arg-type]
             mean, log_variance = (own.tensor for own in said)
-            loss = _likelihood(mean, log_variance, y[:, :, chosen]) * mask
+            # the likelihood times the deviation, so that rows of large variance are not given up early (seitzer2022)
+            missed = 0.5 * (
+                log_variance + (y[:, :, chosen] - mean) ** 2 / log_variance.exp()
+            )
+            loss = missed * log_variance.detach().exp().sqrt() * mask
             # mean over the rows that a member is fitted to, sum over members and joints
             mean_loss = loss.sum(dim=2) / mask.sum(dim=2).clamp(min=1e-9)
             mean_loss.sum().backward()
@@ -895,17 +887,6 @@ def train(
                     f"trains the {settings.form.upper()}: step {step} of {settings.steps}"
                 )
         return as_arrays(network)
-
-
-def _likelihood(
-    mean: torch.Tensor, log_variance: torch.Tensor, y: torch.Tensor
-) -> torch.Tensor:
-    """Negative log-likelihood times the deviation, so that rows of large variance are not given up early, (M, n, N).
-
-    Source: seitzer2022.
-    """
-    loss = 0.5 * (log_variance + (y - mean) ** 2 / log_variance.exp())
-    return loss * log_variance.detach().exp().sqrt()
 
 
 # Which joints a network speaks on, and how loud: judged after the projection, on what members had held out.
@@ -1023,9 +1004,9 @@ def fit_residual(
         network, report = free if better else strict
         return network, replace(report, closed_apart=by_apart)
     rows = rows_of(trajectories, settings)
-    networks: list[Network] = []
-    closed: list[np.ndarray] = []
-    gain: list[np.ndarray] = []
+    networks = []
+    closed = []
+    gain = []
     for form in settings.forms:
         if form == ADDITIVE:
             trained = fit_additive(rows, settings.seed, progress)
@@ -1059,12 +1040,17 @@ def fit_residual(
         width = own.weights[-1].shape[2]
         own.weights[-1][:, j, :, 0] += change[:-1].reshape(-1, width)
         own.biases[-1][:, j, 0] += change[-1]
+    # landmarks spread over the inputs seen, and the radius within which everything seen lies
     near = rows.windows[:, :, -1, rows.inputs.layout.neighbourhood]
+    landmarks = np.stack([_spread(points, LANDMARKS) for points in near])
+    # up to the reach the network was shown to be of use on rows that it had not seen
+    radius = np.maximum(nearest(near, landmarks).max(axis=1), rows.reach) + 1e-9
     residual = ResidualNetwork(
         inputs=rows.inputs,
         networks=tuple(kept),
         chosen=chosen,
-        trust=_trust(near, rows.reach),
+        # a little more, so that rounding leaves no row outside
+        trust=Trust(landmarks, radius * (1.0 + 1e-9)),
         scale=rows.scale,
         bound=np.abs(rows.residual * rows.scale).max(axis=0),
         cutoff=TORQUE_CUTOFF,
@@ -1095,17 +1081,6 @@ def _scaled(network: Network, gain: np.ndarray) -> Network:
     bias[..., 0] *= gain
     weights, biases = network.weights[:-1], network.biases[:-1]
     return replace(network, weights=(*weights, weight), biases=(*biases, bias))
-
-
-def _trust(now: np.ndarray, reach: np.ndarray) -> Trust:
-    """Landmarks spread over the inputs seen, (n, M, C), and the radius within which everything seen lies.
-
-    The radius is at least ``reach``: up to there the network was shown to be of use on rows that it had not seen.
-    """
-    landmarks = np.stack([_spread(points, LANDMARKS) for points in now])
-    radius = np.maximum(nearest(now, landmarks).max(axis=1), reach) + 1e-9
-    # a little more, so that rounding leaves no row outside
-    return Trust(landmarks, radius * (1.0 + 1e-9))
 
 
 def _spread(points: np.ndarray, count: int) -> np.ndarray:
@@ -1227,7 +1202,7 @@ def torque_left(
         if predict is not None:
             said = low_pass(predict(x.motion, x.load), x.motion.rate, TORQUE_CUTOFF)
         left.append((x.residual - said)[x.rows])
-    return np.asarray(np.sqrt((np.concatenate(left) ** 2).mean(axis=0)))
+    return rms(np.concatenate(left))
 
 
 def boosted_trees(rows: ResidualRows) -> Predict:
@@ -1273,31 +1248,15 @@ def boosted_trees(rows: ResidualRows) -> Predict:
 
 BINS = 30
 """Bins of a curve, each with as many samples."""
-FEWEST = 8
-"""Samples that a bin holds at least."""
 
 
-@dataclass(frozen=True)
-class LearntCurve:
-    """Means over bins of one signal of a joint, K bins, in N m on recordings set aside.
+def learnt_curves(found: LearntResidual, joint: int) -> list[dict[str, Any]]:
+    """Curves of a joint, from 0, set aside: over position and load by direction, over velocity as a whole.
 
-    Attributes:
-        over: ``position`` [rad], ``velocity`` [rad/s] or ``load`` [N m].
-        direction: ``forward``, ``backward`` or ``both``.
-        x: mean of the signal in each bin, (K,).
-        residual: mean of what the corrected arm leaves, (K,).
-        network: mean of what the network says, (K,).
+    Each has ``over``, ``position`` [rad], ``velocity`` [rad/s] or ``load`` [N m]; ``direction``, ``forward``,
+    ``backward`` or ``both``; and means over K bins: ``x`` of the signal, ``residual`` of what the corrected arm leaves
+    and ``network`` of what the network says [N m], (K,).
     """
-
-    over: str
-    direction: str
-    x: np.ndarray
-    residual: np.ndarray
-    network: np.ndarray
-
-
-def learnt_curves(found: LearntResidual, joint: int) -> list[LearntCurve]:
-    """Curves of a joint, from 0: over position and load by direction, over velocity as a whole."""
     parts = []
     for x in found.judged:
         said = found.residual.torque(x.motion, x.load)
@@ -1316,12 +1275,13 @@ def learnt_curves(found: LearntResidual, joint: int) -> list[LearntCurve]:
         ("load", load, "backward", backward),
     ):
         # with few samples fewer bins
-        count = min(BINS, int(rows.sum()) // FEWEST)
+        count = min(BINS, int(rows.sum()) // FEWEST_ROWS)
         if count:
             own = np.stack([signal, residual, network])[:, rows]
             bins = np.array_split(own[:, np.argsort(own[0])], count, axis=1)
             means = np.array([part.mean(axis=1) for part in bins]).T
-            curves.append(LearntCurve(over, direction, *means))
+            of_bins = zip(("x", "residual", "network"), means, strict=True)
+            curves.append({"over": over, "direction": direction, **dict(of_bins)})
     return curves
 
 
@@ -1339,7 +1299,24 @@ def document(found: LearntResidual, files: Mapping[str, str]) -> dict[str, Any]:
         files: names of the files beside it, by purpose.
     """
     report, settings = found.report, found.settings
-    joints = [_joint(found, joint) for joint in range(found.case.arm.n_joints)]
+    joints = [
+        {
+            "name": name,
+            "form": report.form[j] or None,
+            "gain": report.gain[j],
+            "closed_in_validation": {
+                form: closed[j] for form, closed in report.by_form.items()
+            },
+            "rmse": {
+                "nothing": found.nothing[j],
+                "network": found.network[j],
+                "trees": found.trees[j],
+            },
+            "bound": found.residual.bound[j],
+            "curves": learnt_curves(found, j),
+        }
+        for j, name in enumerate(found.case.arm.joints)
+    ]
     physics = {
         "kept_apart_from": report.apart,
         "closed_by_apart": report.closed_apart,
@@ -1360,25 +1337,6 @@ def document(found: LearntResidual, files: Mapping[str, str]) -> dict[str, Any]:
         "files": dict(files),
     }
     return dict(plain(content))
-
-
-def _joint(found: LearntResidual, joint: int) -> dict[str, Any]:
-    report = found.report
-    return {
-        "name": found.case.arm.joints[joint],
-        "form": report.form[joint] or None,
-        "gain": report.gain[joint],
-        "closed_in_validation": {
-            form: closed[joint] for form, closed in report.by_form.items()
-        },
-        "rmse": {
-            "nothing": found.nothing[joint],
-            "network": found.network[joint],
-            "trees": found.trees[joint],
-        },
-        "bound": found.residual.bound[joint],
-        "curves": [vars(curve) for curve in learnt_curves(found, joint)],
-    }
 
 
 def _recordings(trajectories: Sequence[Trajectory]) -> list[dict[str, Any]]:
