@@ -607,10 +607,6 @@ def _interval_words(recording: str, start: float | None, end: float | None) -> s
 # Localisation in depth of the gap of some joints.
 
 
-BINS = 24
-"""Bins of the quantity of a rule in ``JointLocalisation.profile``. (budget)"""
-
-
 @dataclass(frozen=True)
 class Profile:
     """RMS of a gap over bins of one quantity.
@@ -702,8 +698,9 @@ def _profile(
         return None
     place = list(QUANTITIES).index(conditions[0]["quantity"])
     values = rule_quantities(rows, load, own_rule.joint - 1)[:, place]
-    count, edges = np.histogram(values, BINS)
-    square, _ = np.histogram(values, BINS, weights=error**2)
+    count, edges = np.histogram(values, SPLITS)
+    square, _ = np.histogram(values, SPLITS, weights=error**2)
+
     used = count > 0
     middle = (edges[:-1] + edges[1:]) / 2
     # bins that the motion does not visit are left out

@@ -36,9 +36,11 @@ from gapscope.diagnosis.gap.commanded_torque import filled
 from gapscope.diagnosis.gap.plausible_data import select_windows
 from gapscope.diagnosis.setup_faults.references import GAINS, LAW_TORQUE, law_sums
 from gapscope.diagnosis.thresholds import INERTIAL_ERROR, LAW_EXPLAINS, LAW_GAIN
+from gapscope.effects.actuation import DELAY_TIME
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.effect_ranges import Z95
 from gapscope.model.conditioning import (
+    MIN_FLOOR,
     TORQUE_CUTOFF,
     Segment,
     condition,
@@ -47,19 +49,18 @@ from gapscope.model.conditioning import (
 )
 from gapscope.model.design import LIKELY, WIDE
 from gapscope.model.effective_samples import motion_samples, variance_inflation
-from gapscope.model.equations import MIN_NOISE, SETTLED
+from gapscope.model.equations import MIN_NOISE, ROUNDS, SETTLED
 from gapscope.model.readings import FAULT_SIGN_WIDTH, MOTION_INDEPENDENT_RATE
 
 RATE = 1000.0
 """Rate of a controller of which nothing is known [Hz]: that of most drives."""
-LATEST = 0.2
-"""Time by which commands may take effect late [s]. (physical)"""
+LATEST = DELAY_TIME.bounds[1]
+"""Time by which commands may take effect late [s], as of any delay."""
 STATED = 0.1
 """Share by which stated friction and rotors may be off [1]. (hand)"""
 TICK = 1.0 / (4 * TORQUE_CUTOFF)
 """Step of delays that are tried [s]."""
-ROUNDS = 12
-"""Gauss-Newton steps. (budget)"""
+
 NAMES = ("kp", "kd", "ki")
 FRICTION = ("dry", "viscous", "rotor", "offset")
 COLUMNS = (*FRICTION, "needed", "error", "dq_ref", "dq", "integral", *FEEDFORWARDS[1:])
@@ -264,7 +265,9 @@ class _Rows:
         self.late = 1.0 / min(r.rate for r, _ in self._pairs) / np.sqrt(12.0)
         *own, needed = np.moveaxis(self.fixed[:, :, 10 * arm.n_joints :], 2, 0)
         column = np.sqrt(np.square(own).mean(axis=1)).T
-        self.friction = WIDE * torque_scale(needed)[:, None] / np.maximum(column, 1e-9)
+        self.friction = (
+            WIDE * torque_scale(needed)[:, None] / np.maximum(column, MIN_FLOOR)
+        )
         if arm.armature.all():
             self.friction[:, FRICTION.index("rotor")] = STATED * arm.armature
 

@@ -34,14 +34,14 @@ from gapscope.model.conditioning import MIN_FLOOR, TORQUE_CUTOFF
 from gapscope.model.design import drawn_waves
 from gapscope.model.difference import ANY
 from gapscope.model.effective_samples import variance_inflation
+from gapscope.model.readings import FAULT_SIGN_WIDTH
 from gapscope.model.torque_gap import TorqueGap
 
 # Curves of a gap over one variable.
 
 KNOTS = 16
 """Knots of a curve, at equal shares of the samples and of the range in turn."""
-MOVING = 0.02
-"""A joint moves in a direction when it is faster than about this [rad/s]."""
+
 SMOOTH = 0.02
 """Weight of a curve's second differences, over the number of samples per knot."""
 
@@ -117,7 +117,7 @@ def variables(
         Variable("position", "rad", rows.q[kept, j]),
         Variable("speed", "rad/s", np.abs(v)),
         Variable("velocity", "rad/s", v),
-        Variable("direction", "1", np.tanh(v / MOVING)),
+        Variable("direction", "1", np.tanh(v / FAULT_SIGN_WIDTH)),
         Variable("acceleration", "rad/s^2", rows.ddq[kept, j]),
         Variable("load", "N m", load),
         Variable("time", "s", rows.clock[kept]),
@@ -617,7 +617,8 @@ def _signal_features(known: list[Variable], memory: np.ndarray) -> np.ndarray:
 
 def _normalised(signals: np.ndarray) -> np.ndarray:
     """Signals about 0 with a deviation of 1, (K, S)."""
-    deviation = np.maximum(signals.std(axis=0), 1e-9)
+    deviation = np.maximum(signals.std(axis=0), MIN_FLOOR)
+
     return np.asarray((signals - signals.mean(axis=0)) / deviation)
 
 

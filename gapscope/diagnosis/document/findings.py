@@ -11,7 +11,7 @@ import numpy as np
 from gapscope.arm.display import effect_name, listing, percent
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.root_mean_square import SMALLEST
-from gapscope.diagnosis.agreement import DIFFERS, Agreement, states
+from gapscope.diagnosis.agreement import DIFFERS, Agreement
 from gapscope.diagnosis.comparison import (
     LONGER_RECORDING,
     NONE,
@@ -58,11 +58,6 @@ def region_entry(region: Region) -> dict[str, Any]:
         "enrichment": region.enrichment,
         **region.detail,
     }
-
-
-def states_entry(found: Agreement | None) -> dict[str, Any]:
-    """``states`` of the document: whether the recordings share a state; nothing if that was not asked."""
-    return {} if found is None else {"states": states(found)}
 
 
 # What a finding on an effect says beside its values.
