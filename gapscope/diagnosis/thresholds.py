@@ -20,6 +20,7 @@ from gapscope.arm.io.layouts import UNITS
 from gapscope.model.conditioning import MIN_CUTOFF, TORQUE_CUTOFF, TRIM
 from gapscope.model.contrast import SIZES
 from gapscope.model.design import LIKELY
+from gapscope.model.equations import MIN_NOISE
 from gapscope.model.readings import FAULT_SIGN_WIDTH, ORDINARY_ERROR
 from gapscope.model.rows import PER_CUTOFF
 
@@ -147,8 +148,9 @@ MIN_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at l
 PRESLIDING_GAIN = -np.log(FALSE_ALARM_RATE)
 # An effect must lower the held-out torque NRMSE of some joint by this much to be named [1]. (definition)
 VISIBLE_EFFECT = 0.01
-# What a healthy arm has of an effect, in RMS torque over the joint's scale: a coordinate in 400 has more. A joint must
-# gain as much to be named with an effect that is named anyway [1].
+# A joint must gain the least noise that joints have to be named with an effect that is named anyway [1].
+VISIBLE_TERM = MIN_NOISE
+# What a healthy arm has of an effect, in RMS torque over the joint's scale: a coordinate in 400 has more [1].
 HEALTHY_TORQUE = VISIBLE_EFFECT / LIKELY
 # A motor that turns two joints is suspected, where none is declared, if its friction raises the evidence beside any
 # friction of both joints, and lowers the RMS of the held-out gap of both by this share [1]: a wrist with a common motor

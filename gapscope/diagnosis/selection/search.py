@@ -27,6 +27,7 @@ from gapscope.diagnosis.thresholds import (
     HEALTHY_TORQUE,
     INERTIAL_ERROR,
     VISIBLE_EFFECT,
+    VISIBLE_TERM,
 )
 from gapscope.effects.effect import DryLaw, External, LinkChange, Transmission
 from gapscope.model.contrast import SIZES, Contrast, Nuisance, OwnTerms
@@ -671,7 +672,7 @@ class SheetSearch(Search):
             return one.term
 
         # whole findings first: one joint of several may be faint
-        for least, part in ((VISIBLE_EFFECT, finding), (HEALTHY_TORQUE, term)):
+        for least, part in ((VISIBLE_EFFECT, finding), (VISIBLE_TERM, term)):
             while fit.mine:
                 without = {
                     name: [one for one in fit.chosen if part(one) != name]
