@@ -32,7 +32,6 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.document.content import Document
-from gapscope.diagnosis.document.findings import numbers
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
 from gapscope.diagnosis.gap.plausible_data import (
     check_moving,
@@ -727,32 +726,32 @@ class ReferenceComparison(Document):
             "reference": reference.name,
             "recordings": [recording.name for recording in reference.recordings],
             "made_from": dict(reference.made_from),
-            "identified": _listed(self.sheet()),
-            "identified_std": _listed(self._sheet_deviations()),
+            "identified": self.sheet(),
+            "identified_std": self._sheet_deviations(),
             "friction_law": "Coulomb and viscous friction, and what the effects below add",
             "base_parameters": round(contrast.determined),
             "torque_ratio_to_nominal": possible.torque_ratio,
             "sampling_skew": 0.0,
             "held_out": {
-                "rmse": numbers(held_out),
-                "torque_nrmse": numbers(held_out / rows.scale),
+                "rmse": held_out,
+                "torque_nrmse": held_out / rows.scale,
             },
             "inherent": [
                 {
                     "effect": effect.name,
                     "joints": list(effect.joints),
                     "parameters": {
-                        name: effect.parameters[name].tolist() for name in effect.given
+                        name: effect.parameters[name] for name in effect.given
                     },
                 }
                 for effect in self.effects()
             ],
             # how large further effects would have to be for these recordings to show them
             "expected": expected_entries(self.difference, CASE),
-            "remainder": {"torque_nrmse": numbers(possible.lacking / rows.scale)},
+            "remainder": {"torque_nrmse": possible.lacking / rows.scale},
             "today": {
-                **_listed(self.sheet(CASE)),
-                "torque_nrmse": numbers(np.sqrt((day**2).mean(axis=0))),
+                **self.sheet(CASE),
+                "torque_nrmse": np.sqrt((day**2).mean(axis=0)),
                 "friction_allowed": FRICTION_DAY_TO_DAY,
             },
         }
@@ -800,10 +799,6 @@ class Change:
         last = states[-1].effects if states else self.effects
         remainder = self.remainder
         return CorrectedArm(self.case.arm, last, remainder=remainder, states=states)
-
-
-def _listed(values: dict[str, np.ndarray]) -> dict[str, list[float]]:
-    return {name: numbers(x) for name, x in values.items()}
 
 
 # What changed: the contrast of a case and a reference of the same arm; ``docs/contrast.md`` derives it.

@@ -147,8 +147,8 @@ class ToldController:
             **gains,
             "delay": self.delay,
             "follows_velocity": self.law.follows,
-            "left": self.left.tolist(),
-            "not_told": (np.flatnonzero(~told) + 1).tolist(),
+            "left": self.left,
+            "not_told": np.flatnonzero(~told) + 1,
             "declare": self.lines(),
         }
 

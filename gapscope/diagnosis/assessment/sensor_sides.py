@@ -117,10 +117,10 @@ def find_sides(
         above.append(carries(given, np.sqrt(floor2)))
         sides[side] = {
             "before": {
-                "torque_nrmse": given.tolist(),
-                "floor": np.sqrt(floor2).tolist(),
+                "torque_nrmse": given,
+                "floor": np.sqrt(floor2),
             },
-            "after": {"torque_nrmse": (gap.rmse / scale).tolist()},
+            "after": {"torque_nrmse": gap.rmse / scale},
         }
     zero, gain, lag = errors.reshape(3, -1)
     effects = []
@@ -133,9 +133,9 @@ def find_sides(
             CARRIED_BY[bool(a), bool(b)] for a, b in zip(*above, strict=True)
         ],
         "sensor": {
-            "zero": {"unit": "N m", "value": (spread * zero).tolist()},
-            "scale": {"unit": "1", "value": (SENSOR_SCALE * gain).tolist()},
-            "lag": {"unit": "s", "value": (SENSOR_LAG * lag).tolist()},
+            "zero": {"unit": "N m", "value": spread * zero},
+            "scale": {"unit": "1", "value": SENSOR_SCALE * gain},
+            "lag": {"unit": "s", "value": SENSOR_LAG * lag},
         },
         "recordings": list(dict.fromkeys(s.recording for s in sensed)),
         "effects": effects,

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import SMALLEST, rms
@@ -22,8 +23,6 @@ from gapscope.diagnosis.document.findings import (
     alternative_entry,
     at_middle_entry,
     gravity_entry,
-    known_numbers,
-    numbers,
     region_entry,
     settled_by,
     share_entry,
@@ -277,7 +276,7 @@ class Document(Comparison):
                 "share": 0.0 if closed is None else 1.0 - closed,
                 "above_floor": bool(unexplained),
                 "joints": joints,
-                "times_floor": numbers(self.times_floor),
+                "times_floor": self.times_floor,
                 "where": self._where("after", joints),
                 "predictable": [
                     p.document() for p in self.predictable if p.joint in joints
@@ -293,7 +292,7 @@ class Document(Comparison):
         content |= self._context(reached)
         if first and not prepared.another_arm:
             content["warnings"].insert(0, f"{doubt}; {first}")
-        return with_slide_units(content, self.declared.sliding)
+        return with_slide_units(plain(content), self.declared.sliding)
 
     def diagnosis(self, progress: Progress = silent) -> Diagnosis:
         """The diagnosis: its findings, and the curves that a report draws."""
@@ -368,17 +367,16 @@ class Document(Comparison):
         if found is not None:
             nrmse = found.rms / known.scale
             repeated = {
-                "torque_nrmse": numbers(nrmse),
+                "torque_nrmse": nrmse,
                 "seconds": found.seconds,
                 "times": float(rms(after.nrmse) / rms(nrmse)),
             }
         before, after_all = (
             {
-                "torque_nrmse": numbers(nrmse),
-                "replay_rmse": known_numbers(replayed),
+                "torque_nrmse": nrmse,
+                "replay_rmse": replayed,
                 "replay_elsewhere": {
-                    engine: known_numbers(gaps[stage])
-                    for engine, gaps in replay.elsewhere.items()
+                    engine: gaps[stage] for engine, gaps in replay.elsewhere.items()
                 },
             }
             for stage, (nrmse, replayed) in enumerate(
@@ -389,7 +387,7 @@ class Document(Comparison):
             "replayed": replay.by,
             "engine": replay.engine,
             "repeatability": repeated,
-            "before": {**before, "floor": numbers(gap.floor)},
+            "before": {**before, "floor": gap.floor},
             "after": after_all,
         }
 
@@ -427,8 +425,8 @@ class Document(Comparison):
         places = regions(closed, self.motion_rows, load, joints, most=1)
         gaps = {
             key: {
-                "torque_nrmse": numbers(known.nrmse(gap)),
-                "replay_rmse": known_numbers(replayed.get(name)),
+                "torque_nrmse": known.nrmse(gap),
+                "replay_rmse": replayed.get(name),
             }
             for key, gap, replayed in (
                 ("gap_with_only_this", only, replay.only),
@@ -484,7 +482,7 @@ class Document(Comparison):
             # segments of one recording add up, rounding not beyond one
             recordings[name] = min(recordings.get(name, 0.0) + share, 1.0)
         return {
-            "joints": numbers(nats.sum(axis=0) / total),
+            "joints": nats.sum(axis=0) / total,
             "recordings": recordings,
         }
 
@@ -519,11 +517,11 @@ class Document(Comparison):
             "nominal": {
                 "friction": {
                     "source": arm.friction_source or None,
-                    "coulomb": arm.coulomb.tolist(),
-                    "viscous": arm.viscous.tolist(),
+                    "coulomb": arm.coulomb,
+                    "viscous": arm.viscous,
                 }
             },
-            "presliding": self.presliding.tolist(),
+            "presliding": self.presliding,
             "recordings": [
                 *(recording_entry(r, "fit") for r in case.recordings),
                 *(recording_entry(r, "judge") for r in case.judged),

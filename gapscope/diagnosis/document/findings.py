@@ -37,16 +37,6 @@ from gapscope.model.terms import Terms
 Finding = dict[str, Any]
 
 
-def numbers(values: np.ndarray) -> list[float]:
-    """One number per joint."""
-    return [float(value) for value in values]
-
-
-def known_numbers(values: np.ndarray | None) -> list[float] | None:
-    """One number per joint, or ``None`` if they are not known."""
-    return None if values is None else numbers(values)
-
-
 def region_entry(region: Region) -> dict[str, Any]:
     """A region as the document holds it."""
     return {
@@ -82,7 +72,7 @@ def gravity_entry(applied: AppliedEffect, arm: NominalArm) -> dict[str, Any]:
     if not isinstance(effect, Turn):
         return {}
     angles = (float(np.ravel(applied.parameters[name])[0]) for name in effect.names)
-    return {"gravity": numbers(effect.rotation(*angles).T @ arm.gravity)}
+    return {"gravity": effect.rotation(*angles).T @ arm.gravity}
 
 
 def at_middle_entry(applied: AppliedEffect, q: np.ndarray) -> dict[str, Any]:
@@ -216,8 +206,8 @@ def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
         **({} if fault.log_odds is None else {"support": {"log_odds": fault.log_odds}}),
         **fault.document(),
         "share": float(np.clip(share, 0.0, 1.0)),
-        "gap_with_only_this": {"torque_nrmse": numbers(only)},
-        "gap_without_this": {"torque_nrmse": numbers(without)},
+        "gap_with_only_this": {"torque_nrmse": only},
+        "gap_without_this": {"torque_nrmse": without},
         "where": [],
         "alternatives": _alternatives(fault),
     }
@@ -361,8 +351,8 @@ def _parameters(
     return {
         parameter.name: {
             "unit": parameter.unit,
-            "value": applied.parameters[parameter.name].tolist(),
-            "std": np.sqrt(variances[parameter.name]).tolist(),
+            "value": applied.parameters[parameter.name],
+            "std": np.sqrt(variances[parameter.name]),
         }
         for parameter in map(applied.effect.parameter, applied.given)
     }
@@ -395,8 +385,8 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
         "effect": applied.name,
         # as sure as the surest of its joints
         "probability": max(1.0 - (line.p or 0.0) for line in differing),
-        "gap_with_only_this": {"torque_nrmse": numbers(only)},
-        "gap_without_this": {"torque_nrmse": numbers(without)},
+        "gap_with_only_this": {"torque_nrmse": only},
+        "gap_without_this": {"torque_nrmse": without},
         **share_entry(*closed, float(before.sum())),
         "where": [],
         "alternatives": [],
