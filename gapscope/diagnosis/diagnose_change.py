@@ -238,6 +238,11 @@ FOLDER = "identified"
 REMEDY = "keep the reference again: gapscope diagnose CASE --against REFERENCE --out DIR writes DIR/identified"
 SHEET = ("armature", "coulomb", "viscous")
 """What is kept of the data sheet, a number for each joint."""
+SINGLE = (
+    "one recording does not show how differently the model misses other motions, which then looks like a change: "
+    "record the healthy arm in two other motions at least, or take what is found as a suspicion"
+)
+"""Warning of a reference of one recording."""
 CHANNELS = ("t", "q", "tau")
 """What is kept of a recording."""
 
@@ -439,25 +444,12 @@ def identify_reference(
     # not put right here, and no news if the case is as late
     if late:
         names.add(("late_torque", "delay"))
+    recordings = tuple(r for r in right.recordings if r.tau is not None)
+    warnings = (*still_note(reference), *short_note(reference))
+    if len(recordings) == 1:
+        warnings = (*warnings, SINGLE)
     return replace(
-        kept,
-        recordings=tuple(r for r in right.recordings if r.tau is not None),
-        faults=frozenset(names),
-        warnings=(
-            *still_note(reference),
-            *short_note(reference),
-            *_single_note(right.recordings),
-        ),
-    )
-
-
-def _single_note(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """A sentence on a reference of one recording."""
-    if len([r for r in recordings if r.tau is not None]) > 1:
-        return ()
-    return (
-        "one recording does not show how differently the model misses other motions, which then looks like a change: "
-        "record the healthy arm in two other motions at least, or take what is found as a suspicion",
+        kept, recordings=recordings, faults=frozenset(names), warnings=warnings
     )
 
 
@@ -829,24 +821,28 @@ def diagnose_change(
     with threadpool_limits(1):
         prepared = prepare(nominal, progress, case.arm, reference.faults)
         comparison = _compared(prepared, case, reference, progress)
-        given = prepared.as_given(progress, reference.faults)
-        # a fault that is news has to explain more than no fault and no change do
-        if given is not None and _is_likelier(given, comparison, case, reference):
-            progress("takes the recordings as they are: no fault explains more")
-            prepared, comparison = given, _compared(given, case, reference, progress)
+        given = prepared.as_given(progress)
+        if given is not None:
+            # a fault that is news has to explain more than no fault and no change do
+            unchanged = _search(given, case, reference).unchanged()
+            found = comparison.fit.total + comparison.faults_log_probability
+            if unchanged > found:
+                progress("takes the recordings as they are: no fault explains more")
+                prepared = given
+                comparison = _compared(given, case, reference, progress)
         # a computed torque may be explained better by another rule of the controller: then once more by that one
         changes = tuple(map(comparison.change, comparison.named))
-        likelier = prepared.by_likelier_rule(changes, progress, reference.faults)
+        likelier = prepared.by_likelier_rule(changes, progress)
         if likelier is not None:
             comparison = _compared(likelier, case, reference, progress)
         progress("writes the findings")
-        found = comparison.possible_arm
-        (folder / URDF).write_bytes(found.urdf.encode())
+        possible = comparison.possible_arm
+        (folder / URDF).write_bytes(possible.urdf.encode())
         return Change(
             reference=reference,
-            case=replace(comparison.prepared.case, arm=found.arm),
+            case=replace(comparison.prepared.case, arm=possible.arm),
             effects=comparison.effects(comparison.named),
-            remainder=found.remainder,
+            remainder=possible.remainder,
             comparison=comparison,
             diagnosis=comparison.diagnosis(),
         )
@@ -870,15 +866,3 @@ def _search(prepared: Prepared, case: Case, reference: KeptReference) -> Search:
     # what both share is free: the vendor's arm is as good a start as any
     arm = fitted_arm(rows, case.arm, {0})
     return Search(rows, arm, [(CASE,)], {0}, FRICTION_DAY_TO_DAY)
-
-
-def _is_likelier(
-    given: Prepared,
-    comparison: ReferenceComparison,
-    case: Case,
-    reference: KeptReference,
-) -> bool:
-    """Whether a case as it was given, without any change, is likelier than with what a comparison has found."""
-    unchanged = _search(given, case, reference).unchanged()
-    fault = comparison.faults_log_probability
-    return unchanged > comparison.fit.total + fault

@@ -209,17 +209,12 @@ def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
         "gap_with_only_this": {"torque_nrmse": only},
         "gap_without_this": {"torque_nrmse": without},
         "where": [],
-        "alternatives": _alternatives(fault),
+        "alternatives": [
+            _other_reading(other, probability)
+            for other, probability in fault.others
+            if probability >= LISTED_ALTERNATIVE
+        ],
     }
-
-
-def _alternatives(fault: FoundFault) -> list[dict[str, Any]]:
-    """What the fault may be instead; turned torques are turned gravity, but for what does not turn with gravity."""
-    return [
-        _other_reading(other, probability)
-        for other, probability in fault.others
-        if probability >= LISTED_ALTERNATIVE
-    ]
 
 
 WATCHED = (
