@@ -48,8 +48,8 @@ def located(
     for stage in stages:
         worst = worst_joint(document, stage)
         if worst is not None:
-            places = locate(gaps[stage].error, rows, load, floor, [worst])
-            out += [Located(stage, place) for place in places]
+            gap, least = gaps[stage].error[:, worst - 1], float(floor[worst - 1])
+            out.append(Located(stage, locate(gap, rows, load, least, worst)))
     return tuple(out)
 
 

@@ -9,8 +9,6 @@ import pytest
 from gapscope.diagnosis.assessment.unknown import (
     Predictable,
     Unknown,
-    Variable,
-    curve_of,
     unknown,
 )
 from gapscope.diagnosis.document.diagnosis_json import validate
@@ -226,9 +224,3 @@ def test_it_is_in_the_document_and_in_the_report(tmp_path) -> None:
         and 'data-guess="0"' in html
         and "Its position alone" in html
     )
-
-
-def test_a_variable_that_stands_still_has_a_curve() -> None:
-    still = Variable("position", "rad", np.full(30, 2.0))
-    assert still.knots.tolist() == [1.0, 3.0]
-    assert np.isfinite(curve_of(still, np.ones(30), np.ones(30)).y).all()
