@@ -656,7 +656,7 @@ def states(found: Agreement) -> dict[str, Any]:
                 "probability": 1.0 - (line.p or 0.0),
                 "values": line.value,
                 "std": line.std,
-                "parameters": _per_recording(line),
+                "parameters": line.parameters,
             }
             for line in differing
         ],
@@ -664,14 +664,6 @@ def states(found: Agreement) -> dict[str, Any]:
         "diagnosed": [found.labels[k] for k in found.states[0]],
     }
     return _plain(content)
-
-
-def _per_recording(line: ParameterAgreement) -> list[dict[str, Any]]:
-    """Parameters of the effect in each recording."""
-    return [
-        {name: value.tolist() for name, value in each.items()}
-        for each in line.parameters
-    ]
 
 
 def _parameter(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
@@ -686,7 +678,7 @@ def _parameter(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
         "verdict": line.verdict,
         "p": line.p,
         "values": line.value,
-        "parameters": _per_recording(line),
+        "parameters": line.parameters,
         "std": line.std,
         "information": line.information,
         "birge": line.birge,

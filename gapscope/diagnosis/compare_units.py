@@ -44,8 +44,8 @@ from gapscope.model.torque_gap import torque_gap
 # The ranges of effects from the files of one or several diagnoses.
 
 
-SHEET_ROUNDING = 1e-6
-"""Relative difference up to which a value is the same in both files [1]."""
+ROUNDING = 1e-6
+"""Relative difference up to which a value is the same in two files, and exact but for rounding [1]."""
 
 
 def read_ranges(
@@ -107,7 +107,7 @@ def _is_of(finding: Mapping[str, Any], applied: AppliedEffect) -> bool:
         np.allclose(
             np.array(finding["parameters"][name]["value"], dtype=float),
             value,
-            rtol=SHEET_ROUNDING,
+            rtol=ROUNDING,
             atol=0.0,
         )
         for name, value in applied.parameters.items()
@@ -116,10 +116,6 @@ def _is_of(finding: Mapping[str, Any], applied: AppliedEffect) -> bool:
 
 
 # Whether values estimated on several units are the same but for their uncertainty, and what their common value is.
-
-
-ROUNDING = 1e-9
-"""Relative standard deviation below which a value is treated as exact up to rounding [1]."""
 
 
 @dataclass(frozen=True)
@@ -618,7 +614,7 @@ def _same(one: NominalArm, other: NominalArm, key: str) -> bool:
     # stated in one case and left out of the other is not alike
     if a is None or b is None:
         return a is b
-    return bool(np.allclose(a, b, rtol=SHEET_ROUNDING))
+    return bool(np.allclose(a, b, rtol=ROUNDING))
 
 
 def _confusion(

@@ -16,6 +16,7 @@ from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.parameter import Parameter
 from gapscope.envs.effect_ranges import Z95
 from gapscope.model.contrast import Answer
+from gapscope.model.difference import GROWTHS as LEARNT_GROWTHS
 from gapscope.model.difference import Difference, Fit
 from gapscope.model.equations import MIN_FORM
 from gapscope.model.explained import Explained, explained
@@ -32,7 +33,7 @@ IN_TEN = 0.9
 """A finding's names together hold the true one in nine of ten cases. (definition)"""
 DRAWS = 400
 """Draws of the values. (budget)"""
-GROWTHS = tuple(4.0**k for k in range(1, 7))
+GROWTHS = (*LEARNT_GROWTHS, *(LEARNT_GROWTHS[-1] * more for more in LEARNT_GROWTHS))
 """Growths of form error [1] that are tried in place of a finding: of its torque 2 to 64 times. (budget)"""
 SAMPLING_SKEW = 2.5e-4
 """Standard deviation of a skew that sampling leaves between torque and motion [s]: a torque that is held from one tick

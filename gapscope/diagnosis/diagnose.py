@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -18,30 +18,11 @@ from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.assessment.instrumental_values import instrumented
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
 from gapscope.diagnosis.assessment.sensor_sides import find_sides
-from gapscope.diagnosis.assessment.unknown import Unknown, unknown
-from gapscope.diagnosis.comparison import Comparison
+from gapscope.diagnosis.assessment.unknown import Predictable, Unknown, unknown
 from gapscope.diagnosis.document.content import (
     Document,
-    motion_rows,
-    nominal_friction,
-)
-from gapscope.diagnosis.document.findings import (
-    at_middle_entry,
-    gravity_entry,
-    known_numbers,
-    numbers,
-    region_entry,
-)
-from gapscope.diagnosis.document.plotted_curves import (
-    located,
-    signatures,
-    spectrum,
-    traces,
 )
 from gapscope.diagnosis.document.wording import another_scale, misread
-from gapscope.diagnosis.gap.repeatability import repeatability
-from gapscope.diagnosis.locate import located as regions_of
-from gapscope.diagnosis.locate import stack
 from gapscope.diagnosis.prepare import Prepared, Progress, prepare, silent
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.selection.search import (
@@ -82,14 +63,14 @@ from gapscope.model.explained import (
 from gapscope.model.readings import turn_of_base
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term
-from gapscope.model.torque_gap import TorqueGap, gap_on_rows, torque_gap
+from gapscope.model.torque_gap import gap_on_rows
 from gapscope.model_audit.audit import odd_kinds
 
 # What the recordings of a case show beside the data sheet of its arm.
 
 
 @dataclass(frozen=True)
-class SheetComparison(Comparison):
+class SheetComparison(Document):
     """The contrast of a case with the data sheet of its arm, n joints.
 
     Attributes:
@@ -98,6 +79,7 @@ class SheetComparison(Comparison):
             found the rest.
     """
 
+    floor_from: ClassVar[str] = "what a flexible model leaves of held-out motions"
     searching: SheetSearch
     turn: Mapping[Candidate, np.ndarray] = field(default_factory=dict)
 
@@ -338,7 +320,7 @@ class SheetComparison(Comparison):
         known, largest = self.explained, WORSE**2 * INERTIAL_ERROR
         share = largest / max(self.sheet_error, largest)
         gap = self.gap(known.after - share * known.errors)
-        return unknown(gap, motion_rows(self), known.trust, known.scale)
+        return unknown(gap, self.motion_rows, known.trust, known.scale)
 
     @cached_property
     def floor(self) -> np.ndarray:
@@ -347,24 +329,6 @@ class SheetComparison(Comparison):
         left2 = (self.explained.after**2).mean(axis=0)
         known2 = left2 * (1.0 - self.unknown.share)
         return np.sqrt(np.maximum(known2, MIN_FLOOR**2))
-
-    @cached_property
-    def gaps(self) -> dict[str, TorqueGap]:
-        """Gap before and after at the rate of the recordings, with the values fitted to all."""
-        arms = {"before": self.nominal, "after": self.corrected}
-        return {
-            stage: torque_gap(arm, self.body, self.segments)
-            for stage, arm in arms.items()
-        }
-
-    def gap(self, error: np.ndarray) -> TorqueGap:
-        """A gap on the rows that are judged, (M, n), as that of an arm."""
-        rows, mine = self.judged_on, self.explained.rows
-        measured = rows.torque[mine]
-        # a change of segment is an edge: spectra do not run across it
-        starts = np.flatnonzero(np.diff(rows.segment[mine])) + 1
-        edges = (0, *starts.tolist(), len(measured))
-        return TorqueGap(measured, measured - error, edges)
 
     # Its replay in the simulator, and its joint torque sensors.
 
@@ -440,165 +404,64 @@ class SheetComparison(Comparison):
         """All effects in each recording and span; none if all share a state."""
         return self.prepared.states.effects(self.terms, self.own_theta)
 
+    # What its document says in its own way.
 
-def has_dry_friction(terms: Iterator[Term], n_joints: int) -> np.ndarray:
-    """Which joints have a term of dry friction of their own, shape (n,)."""
-    dry = np.zeros(n_joints, dtype=bool)
-    for term in terms:
-        if isinstance(term.definition, DryLaw) and term.definition.reach == "joint":
-            dry[term.joint - 1] = True
-    return dry
-
-
-# Its document.
-
-
-class _Document(Document):
-    """``diagnosis.json`` of a comparison with the data sheet."""
-
-    floor_from = "what a flexible model leaves of held-out motions"
-
-    def __init__(self, comparison: SheetComparison) -> None:
-        super().__init__(comparison)
-        self._sheet = comparison
-
-    def load(self) -> np.ndarray:
-        mine = self._known.rows
-        # what the nominal arm predicts: the recorded torque less the gap before
-        return np.asarray(self._sheet.judged_on.torque[mine] - self._known.before)
-
-    def floor(self) -> np.ndarray:
-        return self._sheet.floor
-
-    def where(self, stage: str, joints: list[int]) -> list[dict[str, Any]]:
-        # at the rate of the recordings, not on the thinned rows of the search
-        gaps, rows = self._sheet.gaps, stack(self._sheet.segments)
-        load, floor = gaps["before"].predicted, self._sheet.floor
-        places = regions_of(gaps[stage].error, rows, load, floor, joints)
-        return [region_entry(region) for region in places]
-
+    @property
     def unknown2(self) -> np.ndarray:
-        return np.asarray(self._sheet.unknown.torque2 / self._known.scale**2)
+        """Mean square of the torque that has an unknown cause, over the scale's square [1], (n,)."""
+        return np.asarray(self.unknown.torque2 / self.explained.scale**2)
+
+    @property
+    def predictable(self) -> list[Predictable]:
+        """What can be predicted of the gap that is left, of each joint."""
+        return self.unknown.predictable
 
     @property
     def rejected(self) -> bool:
-        return bool(self._sheet.unseen)
-
-    def replay(self) -> dict[str, Any]:
-        known = self._sheet.replayed
-        elsewhere: list[dict[str, Any]] = [{}, {}]
-        for engine, gaps in known.elsewhere.items():
-            for out, gap in zip(elsewhere, gaps, strict=True):
-                out[engine] = known_numbers(gap)
-        before, after = (
-            {"replay_rmse": known_numbers(gap), "replay_elsewhere": others}
-            for gap, others in zip((known.before, known.after), elsewhere, strict=True)
-        )
-        whole = {
-            "replayed": known.by,
-            "engine": known.engine,
-            "repeatability": self._repeatability(),
-        }
-        return {"gap": whole, "before": before, "after": after}
-
-    def _repeatability(self) -> dict[str, Any] | None:
-        """What the arm's own repeats differ by, and how many times that the gap is; ``None`` without repeats."""
-        gap = self._sheet.gap(self._known.after)
-        found = repeatability(gap, self._rows.rates, self._sheet.floor)
-        if found is None:
-            return None
-        nrmse = found.rms / self._known.scale
-        return {
-            "torque_nrmse": numbers(nrmse),
-            "seconds": found.seconds,
-            "times": float(rms(gap.nrmse) / rms(nrmse)),
-        }
-
-    def effect_entry(self, name: str) -> dict[str, Any]:
-        sheet, applied = self._sheet, self._sheet.change(name)
-        only, without = (
-            known_numbers(gaps.get(name))
-            for gaps in (sheet.replayed.only, sheet.replayed.without)
-        )
-        return {
-            **gravity_entry(applied, sheet.case.arm),
-            **at_middle_entry(applied, self._rows.q),
-            "gap_with_only_this": {"replay_rmse": only},
-            "gap_without_this": {"replay_rmse": without},
-        }
-
-    def unknown_entry(self, joints: list[int]) -> dict[str, Any]:
-        found = self.coupling()
-        pair = None
-        if found is not None:
-            pair = {
-                "joints": [found.joint, found.motor],
-                "declare": found.declaration,
-                "log_evidence": found.gain,
-            }
-        return {
-            "predictable": [
-                p.document()
-                for p in self._sheet.unknown.predictable
-                if p.joint in joints
-            ],
-            "coupling": pair,
-        }
-
-    def coupling(self) -> UndeclaredCoupling | None:
-        return self._sheet.coupling
+        """Whether an effect explains recordings and does not predict others."""
+        return bool(self.unseen)
 
     def doubt(self, reached: str) -> tuple[str, str]:
+        """What makes the nominal arm another one than was recorded, and what to do first; empty if nothing does."""
         if reached != "unexplained":
             return "", ""
-        off = rms(self.stages.repaired, None)
-        case = self._sheet.case
-        mounted, another = upright(case), self._prepared.another_arm
-        gravity = mounted.arm.gravity, case.arm.gravity
+        off, another = rms(self.stages.repaired, None), self.prepared.another_arm
+        mounted = upright(self.case)
+        gravity = mounted.arm.gravity, self.case.arm.gravity
         said = misread(float(off), *gravity, another=another)
         # as a check says it of the same case
         factor = None if any(said) else common_factor(mounted)
         return said if factor is None else another_scale(*factor)
 
     def further(self) -> dict[str, Any]:
-        sheet = self._sheet
+        """What further effects would have to be to show, sides of the sensors, and a controller that was told."""
         out: dict[str, Any] = {}
         # of another arm than the nominal one no size is known
-        another = self._prepared.another_arm
-        out["expected"] = [] if another else nameable(sheet.difference)
-        sides = find_sides(
-            sheet.nominal,
-            sheet.corrected,
-            sheet.body,
-            sheet.segments,
-        )
+        another = self.prepared.another_arm
+        out["expected"] = [] if another else nameable(self.difference)
+        sides = find_sides(self.nominal, self.corrected, self.body, self.segments)
         if sides is not None:
             out["sides"] = sides
-        if sheet.told is not None:
-            out["controller"] = sheet.told.entry()
+        if self.told is not None:
+            out["controller"] = self.told.entry()
         return out
 
     def _context(self, reached: str) -> dict[str, Any]:
-        sheet, out = self._sheet, super()._context(reached)
-        out["nominal"] = {"friction": nominal_friction(sheet.case.arm)}
-        out["presliding"] = sheet.presliding.tolist()
-        out["conditioning"] |= {
-            "rate": sheet.segments[0].motion.rate,
-            "nominal_inertials_std": sheet.sheet_error,
-        }
+        out = super()._context(reached)
+        out["conditioning"]["nominal_inertials_std"] = self.sheet_error
         return out
 
     def warnings(self, reached: str) -> list[str]:
-        sheet = self._sheet
-        out = list(sheet.replayed.warnings)
-        out += [] if sheet.told is None else sheet.told.sentences()
-        odd = odd_kinds(sheet.case.arm.urdf) if reached == "unexplained" else ""
+        """What was noticed of the replay, of a controller that was told and of the robot file."""
+        out = list(self.replayed.warnings)
+        out += [] if self.told is None else self.told.sentences()
+        file, off = self.case.arm.urdf, self.sheet_error
+        odd = odd_kinds(file) if reached == "unexplained" else ""
         if odd:
             # what is wrong in the file need not be looked for in the recordings
-            file = sheet.case.arm.urdf.resolve()
-            out.insert(0, f"in the robot file: {odd}; see gapscope audit {file}")
-        off = sheet.sheet_error
-        if reached != "no_gap" and not sheet.has_good_sheet:
+            where = f"see gapscope audit {file.resolve()}"
+            out.insert(0, f"in the robot file: {odd}; {where}")
+        if reached != "no_gap" and not self.has_good_sheet:
             out.append(
                 f"the bodies of the robot file seem to be off by about {off:.0%} of their size, which hides loads and "
                 "changed links: identify them (gapscope identify), or compare with a reference (diagnose --against)"
@@ -607,21 +470,19 @@ class _Document(Document):
 
     def considered(self) -> list[dict[str, Any]]:
         """Findings that close too little, and what was weighed beside what was found, each in its likeliest set."""
-        sheet, out = self._sheet, []
-        for name, closed in sheet.unseen.items():
-            terms = sheet._terms(name)
+        out = []
+        for name, closed in self.unseen.items():
             reason = (
                 "bodies with it would have a negative energy"
-                if sheet.feeds_energy(name)
+                if self.feeds_energy(name)
                 else "it closes too little of the gap of unseen data for a person to see"
             )
-            out.append(_considered(terms, None, closed, reason))
+            out.append(_considered(self._terms(name), None, closed, reason))
         return [*out, *self._runners_up()]
 
     def _runners_up(self) -> Iterator[dict[str, Any]]:
-        sheet = self._sheet
         seen: set[str] = set()
-        fit, sets = sheet.fit, sheet.difference.sets
+        fit, sets = self.fit, self.difference.sets
         mine = frozenset(fit.mine)
         here = sets.get(mine, 0.0)
         # the likeliest sets first: each effect is told once, where it does best
@@ -644,10 +505,19 @@ class _Document(Document):
             gaps = (fit.torque, fit.own.torque(values))
             # how much more of each joint's gap it would close
             closed = np.subtract(
-                *(sheet.searching.torque_nrmse(fit.contrast.gap - x) for x in gaps)
+                *(self.searching.torque_nrmse(fit.contrast.gap - x) for x in gaps)
             )
             terms = [one.term for one in more]
             yield _considered(terms, value - here, float(closed.sum()), reason)
+
+
+def has_dry_friction(terms: Iterator[Term], n_joints: int) -> np.ndarray:
+    """Which joints have a term of dry friction of their own, shape (n,)."""
+    dry = np.zeros(n_joints, dtype=bool)
+    for term in terms:
+        if isinstance(term.definition, DryLaw) and term.definition.reach == "joint":
+            dry[term.joint - 1] = True
+    return dry
 
 
 def _considered(
@@ -680,7 +550,7 @@ def diagnose(case: Case, progress: Progress = silent) -> Diagnosis:
     """
     # Many small matrices: threads would only wait for each other.
     with threadpool_limits(1):
-        return diagnosis_of(examine(case, progress), progress)
+        return examine(case, progress).diagnosis(progress)
 
 
 def examine(case: Case, progress: Progress = silent) -> SheetComparison:
@@ -693,7 +563,7 @@ def examine(case: Case, progress: Progress = silent) -> SheetComparison:
         prepared, found = likelier, _compared(likelier, progress)
     left = found.explained.nrmse(found.explained.after)
     # effects speak for the nominal arm only if its bodies are about right
-    explained = found.has_good_sheet and _Document(found).reached == "effects_found"
+    explained = found.has_good_sheet and found.reached == "effects_found"
     # worse than no torque at all with all that was found, or not explained by that
     if rms(left, None) > NO_TORQUE or (prepared.doubted and not explained):
         return _compared(prepared.of_another_arm(), progress)
@@ -726,38 +596,3 @@ def _compared(prepared: Prepared, progress: Progress) -> SheetComparison:
     whole = np.array(turn_of_base(case.arm.gravity, gravity) or turn)
     turned = dict.fromkeys(tilts, whole)
     return SheetComparison(prepared, found, *EVERYONE, searching, turned)
-
-
-def diagnosis_of(found: SheetComparison, progress: Progress = silent) -> Diagnosis:
-    """The diagnosis of a comparison: its findings, and the curves that a report draws."""
-    progress("replays a recording in the simulator")
-    document = _Document(found)
-    content = document.content()
-    progress("writes the findings")
-    segments, after = found.segments, found.corrected
-    gaps = found.gaps
-    possible = tuple(found.change(name) for name in found.possible)
-    return Diagnosis(
-        document=content,
-        effects=_in_order(found.effects, content["effects"]),
-        traces=traces(found.nominal, after, found.body, segments),
-        signatures=signatures(after, found.body, segments),
-        spectrum=spectrum(gaps["before"], gaps["after"], segments),
-        located=located(content, gaps, found.floor, segments),
-        possible=_in_order(possible, content["possible"]),
-        presliding=tuple(found.presliding.tolist()),
-        faults=found.prepared.faults,
-        arm=found.case.arm,
-        replayed=found.replayed.motion,
-        states=found.states,
-        case_file=found.case.file,
-    )
-
-
-def _in_order(
-    effects: tuple[AppliedEffect, ...], findings: list[dict[str, Any]]
-) -> tuple[AppliedEffect, ...]:
-    """Effects in the order of the findings."""
-    # Set-up faults are among the findings, too, but are no part of the corrected arm.
-    order = [finding["effect"] for finding in findings]
-    return tuple(sorted(effects, key=lambda effect: order.index(effect.name)))

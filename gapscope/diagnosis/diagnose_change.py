@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -31,15 +31,7 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import SMALLEST
-from gapscope.diagnosis.comparison import Comparison
-from gapscope.diagnosis.document.content import Document, nominal_friction
-from gapscope.diagnosis.document.findings import numbers
-from gapscope.diagnosis.document.plotted_curves import (
-    located,
-    signatures,
-    spectrum,
-    traces,
-)
+from gapscope.diagnosis.document.content import Document
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
 from gapscope.diagnosis.gap.plausible_data import (
     check_moving,
@@ -67,13 +59,13 @@ from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
 from gapscope.ident.model.physical_parameters import nearest_possible, urdf_text
+from gapscope.model.conditioning import Segment
 from gapscope.model.design import BODIES, FreeArm, design, fitted_arm, moved
 from gapscope.model.difference import Search
 from gapscope.model.equations import Equations, learn
 from gapscope.model.expected import expected_entries
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Terms
-from gapscope.model.torque_gap import torque_gap
 
 # An arm that predicts as files have it: possible bodies, a data sheet, effects, and what is left of its bodies.
 
@@ -246,6 +238,11 @@ FOLDER = "identified"
 REMEDY = "keep the reference again: gapscope diagnose CASE --against REFERENCE --out DIR writes DIR/identified"
 SHEET = ("armature", "coulomb", "viscous")
 """What is kept of the data sheet, a number for each joint."""
+SINGLE = (
+    "one recording does not show how differently the model misses other motions, which then looks like a change: "
+    "record the healthy arm in two other motions at least, or take what is found as a suspicion"
+)
+"""Warning of a reference of one recording."""
 CHANNELS = ("t", "q", "tau")
 """What is kept of a recording."""
 
@@ -447,25 +444,12 @@ def identify_reference(
     # not put right here, and no news if the case is as late
     if late:
         names.add(("late_torque", "delay"))
+    recordings = tuple(r for r in right.recordings if r.tau is not None)
+    warnings = (*still_note(reference), *short_note(reference))
+    if len(recordings) == 1:
+        warnings = (*warnings, SINGLE)
     return replace(
-        kept,
-        recordings=tuple(r for r in right.recordings if r.tau is not None),
-        faults=frozenset(names),
-        warnings=(
-            *still_note(reference),
-            *short_note(reference),
-            *_single_note(right.recordings),
-        ),
-    )
-
-
-def _single_note(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """A sentence on a reference of one recording."""
-    if len([r for r in recordings if r.tau is not None]) > 1:
-        return ()
-    return (
-        "one recording does not show how differently the model misses other motions, which then looks like a change: "
-        "record the healthy arm in two other motions at least, or take what is found as a suspicion",
+        kept, recordings=recordings, faults=frozenset(names), warnings=warnings
     )
 
 
@@ -582,10 +566,15 @@ FAULTY = 0.01
 """Probability that the set-up of a case has a fault that the reference does not have [1]."""
 CASE = 1
 """Number of the group of the case; that of the reference is 0."""
+SCALED = (
+    "masses are measured with the torque of the reference: were its torque constants wrong by a factor on all joints, "
+    "the identified masses and the load found would be wrong by the same factor"
+)
+"""Warning given with each load found."""
 
 
 @dataclass(frozen=True)
-class ReferenceComparison(Comparison):
+class ReferenceComparison(Document):
     """The contrast of a case and a reference, n joints.
 
     The nominal arm of the case is the one that was identified on the reference.
@@ -595,6 +584,10 @@ class ReferenceComparison(Comparison):
         vendor: nominal arm of the case as it was declared.
     """
 
+    floor_from: ClassVar[str] = (
+        "noise and form error on motions of the reference that are predicted from others"
+    )
+    fitted_to: ClassVar[str] = "the reference and to "
     reference: KeptReference
     vendor: NominalArm
 
@@ -639,14 +632,39 @@ class ReferenceComparison(Comparison):
         return self.prepared.states.effects(self.terms, theta, without)
 
     @property
-    def before(self) -> CorrectedArm:
-        """The arm of the reference, which only predicts; beside ``free.bodies``."""
+    def body(self) -> RigidBody:
+        """Dynamics of the arm of the reference, which only predicts."""
+        return self.free.bodies
+
+    @property
+    def nominal(self) -> CorrectedArm:
+        """The arm of the reference, which only predicts."""
         return self._predicting(())
 
     @property
-    def after(self) -> CorrectedArm:
+    def corrected(self) -> CorrectedArm:
         """The same with what is named."""
         return self._predicting(self.named)
+
+    @cached_property
+    def segments(self) -> list[Segment]:
+        """Those of the case that are predicted from first to last row."""
+        rows, known = self.rows, self.explained.rows
+        return [
+            segment
+            for k, segment in enumerate(rows.segments)
+            if rows.group_of[k] == CASE and known[rows.segment == k].all()
+        ]
+
+    @property
+    def declared(self) -> NominalArm:
+        """The nominal arm as it was declared."""
+        return self.vendor
+
+    @property
+    def compared_with(self) -> NominalArm:
+        """The possible arm that was identified."""
+        return self.possible_arm.arm
 
     def _predicting(self, names: Sequence[str]) -> CorrectedArm:
         theta = self._theta(self.of(names), self.free.theta)
@@ -668,6 +686,80 @@ class ReferenceComparison(Comparison):
                 # days are in units of torque: back to those of the sheet
                 value += days[day, place] / design.units[term][0]
             out.setdefault(name, np.zeros(self.vendor.n_joints))[term.joint - 1] = value
+        return out
+
+    # What its document says in its own way.
+
+    @property
+    def unknown2(self) -> np.ndarray:
+        """What exceeds the floor where form error is larger than on the reference, and far above it, (n,)."""
+        gap = self.stages
+        grown = np.isin(range(len(gap.floor)), [j for j, *_ in self.fit.grown])
+        far = self.times_floor >= SIGNIFICANT_RESIDUAL_RATIO
+        return np.where(grown & far, gap.corrected**2 - gap.floor**2, 0.0)
+
+    def warnings(self, reached: str) -> list[str]:
+        """What makes the reference doubtful, and what the size of a load rests on."""
+        out = [f"reference: {text}" for text in self.reference.warnings]
+        changed = [known_effect(self.change(name).name) for name in self.named]
+        if any(isinstance(effect, LinkChange) for effect in changed):
+            out.append(SCALED)
+        return out
+
+    def further(self) -> dict[str, Any]:
+        """What was identified on the reference, per joint, and what was allowed for on the day of the case."""
+        contrast, rows, reference = self.fit.contrast, self.rows, self.reference
+        # friction that was allowed to differ on the day is no change
+        _, days = self.fit.own.nuisances(self.values)
+        day = contrast.design.shared_torque(days[CASE])[self.explained.rows]
+        held_out = np.sqrt(contrast.error.missed2) * rows.scale
+        possible = self.possible_arm
+        against = {
+            "reference": reference.name,
+            "recordings": [recording.name for recording in reference.recordings],
+            "made_from": dict(reference.made_from),
+            "identified": self.sheet(),
+            "identified_std": self._sheet_deviations(),
+            "friction_law": "Coulomb and viscous friction, and what the effects below add",
+            "base_parameters": round(contrast.determined),
+            "torque_ratio_to_nominal": possible.torque_ratio,
+            "sampling_skew": 0.0,
+            "held_out": {
+                "rmse": held_out,
+                "torque_nrmse": held_out / rows.scale,
+            },
+            "inherent": [
+                {
+                    "effect": effect.name,
+                    "joints": list(effect.joints),
+                    "parameters": {
+                        name: effect.parameters[name] for name in effect.given
+                    },
+                }
+                for effect in self.effects()
+            ],
+            # how large further effects would have to be for these recordings to show them
+            "expected": expected_entries(self.difference, CASE),
+            "remainder": {"torque_nrmse": possible.lacking / rows.scale},
+            "today": {
+                **self.sheet(CASE),
+                "torque_nrmse": np.sqrt((day**2).mean(axis=0)),
+                "friction_allowed": FRICTION_DAY_TO_DAY,
+            },
+        }
+        return {"against": against}
+
+    def _sheet_deviations(self) -> dict[str, np.ndarray]:
+        """Standard deviations of what was identified of the data sheet, (n,) each."""
+        contrast = self.fit.contrast
+        out: dict[str, np.ndarray] = {}
+        variance = np.diag(contrast.covariance())
+        for term, places in contrast.design.places.items():
+            name = term.parametrisation.data_sheet
+            if name is not None:
+                std = np.sqrt(variance[places[0]]) / contrast.design.units[term][0]
+                whole = out.setdefault(name, np.zeros(self.vendor.n_joints))
+                whole[term.joint - 1] = std
         return out
 
 
@@ -701,151 +793,6 @@ class Change:
         return CorrectedArm(self.case.arm, last, remainder=remainder, states=states)
 
 
-# ``diagnosis.json`` of a comparison with a reference, and the curves that its report draws.
-
-
-SCALED = (
-    "masses are measured with the torque of the reference: were its torque constants wrong by a factor on all joints, "
-    "the identified masses and the load found would be wrong by the same factor"
-)
-"""Warning given with each load found."""
-
-
-def diagnosis_of(comparison: ReferenceComparison) -> Diagnosis:
-    """The diagnosis of a comparison."""
-    document = _Document(comparison)
-    content = document.content()
-    # of the case, and predicted from first to last row
-    segments = [
-        segment
-        for k, segment in enumerate(comparison.rows.segments)
-        if comparison.rows.group_of[k] == CASE
-        and comparison.explained.rows[comparison.rows.segment == k].all()
-    ]
-    before, after, body = comparison.before, comparison.after, comparison.free.bodies
-    gaps = {
-        "before": torque_gap(before, body, segments),
-        "after": torque_gap(after, body, segments),
-    }
-    floor = comparison.explained.floor
-    order = [finding["effect"] for finding in content["effects"]]
-    named = sorted(
-        map(comparison.change, comparison.named), key=lambda e: order.index(e.name)
-    )
-    # effects of the reference's arm are no changes: not drawn
-    shown = {effect.name for effect in named}
-    return Diagnosis(
-        document=content,
-        effects=tuple(named),
-        traces=traces(before, after, body, segments),
-        signatures=signatures(after, body, segments, shown),
-        spectrum=spectrum(gaps["before"], gaps["after"], segments),
-        located=located(content, gaps, floor, segments),
-        possible=tuple(map(comparison.change, comparison.possible)),
-        presliding=tuple(comparison.vendor.presliding.tolist()),
-        faults=comparison.prepared.faults,
-        arm=comparison.possible_arm.arm,
-        states=comparison.states,
-    )
-
-
-class _Document(Document):
-    """``diagnosis.json`` of a comparison with a reference."""
-
-    floor_from = "noise and form error on motions of the reference that are predicted from others"
-    fitted_to = "the reference and to "
-
-    def __init__(self, comparison: ReferenceComparison) -> None:
-        super().__init__(comparison)
-        self._reference, self._fit = comparison, comparison.fit
-
-    def arm(self) -> NominalArm:
-        return self._reference.vendor
-
-    def load(self) -> np.ndarray:
-        return np.asarray(self._known.before - self._known.after)
-
-    def unknown2(self) -> np.ndarray:
-        """What exceeds the floor where form error is larger than on the reference, and far above it."""
-        gap = self.stages
-        grown = np.isin(range(len(gap.floor)), [j for j, *_ in self._fit.grown])
-        far = self.times_floor() >= SIGNIFICANT_RESIDUAL_RATIO
-        return np.where(grown & far, gap.corrected**2 - gap.floor**2, 0.0)
-
-    def further(self) -> dict[str, Any]:
-        return {"against": self._against()}
-
-    def _context(self, reached: str) -> dict[str, Any]:
-        found, out = self._reference, super()._context(reached)
-        out["nominal"] = {"friction": nominal_friction(found.possible_arm.arm)}
-        out["presliding"] = found.vendor.presliding.tolist()
-        return out
-
-    def warnings(self, reached: str) -> list[str]:
-        found = self._reference
-        out = [f"reference: {text}" for text in found.reference.warnings]
-        changed = [known_effect(found.change(name).name) for name in found.named]
-        if any(isinstance(effect, LinkChange) for effect in changed):
-            out.append(SCALED)
-        return out
-
-    def _against(self) -> dict[str, Any]:
-        """What was identified on the reference, per joint, and what was allowed for on the day of the case."""
-        comparison, contrast = self._reference, self._fit.contrast
-        rows, reference = comparison.rows, comparison.reference
-        # friction that was allowed to differ on the day is no change
-        _, days = self._fit.own.nuisances(comparison.values)
-        day = contrast.design.shared_torque(days[CASE])[self._known.rows]
-        held_out = np.sqrt(contrast.error.missed2) * rows.scale
-        possible = comparison.possible_arm
-        return {
-            "reference": reference.name,
-            "recordings": [recording.name for recording in reference.recordings],
-            "made_from": dict(reference.made_from),
-            "identified": _listed(comparison.sheet()),
-            "identified_std": _listed(self._sheet_deviations()),
-            "friction_law": "Coulomb and viscous friction, and what the effects below add",
-            "base_parameters": round(contrast.determined),
-            "torque_ratio_to_nominal": possible.torque_ratio,
-            "sampling_skew": 0.0,
-            "held_out": {
-                "rmse": numbers(held_out),
-                "torque_nrmse": numbers(held_out / rows.scale),
-            },
-            "inherent": [_plain(effect) for effect in comparison.effects()],
-            # how large further effects would have to be for these recordings to show them
-            "expected": expected_entries(self._reference.difference, CASE),
-            "remainder": {"torque_nrmse": numbers(possible.lacking / rows.scale)},
-            "today": {
-                **_listed(comparison.sheet(CASE)),
-                "torque_nrmse": numbers(np.sqrt((day**2).mean(axis=0))),
-                "friction_allowed": FRICTION_DAY_TO_DAY,
-            },
-        }
-
-    def _sheet_deviations(self) -> dict[str, np.ndarray]:
-        """Standard deviations of what was identified of the data sheet, (n,) each."""
-        contrast = self._fit.contrast
-        out: dict[str, np.ndarray] = {}
-        variance = np.diag(contrast.covariance())
-        for term, places in contrast.design.places.items():
-            name = term.parametrisation.data_sheet
-            if name is not None:
-                std = np.sqrt(variance[places[0]]) / contrast.design.units[term][0]
-                whole = out.setdefault(name, np.zeros(self._reference.vendor.n_joints))
-                whole[term.joint - 1] = std
-        return out
-
-
-def _listed(values: dict[str, np.ndarray]) -> dict[str, list[float]]:
-    return {name: numbers(x) for name, x in values.items()}
-
-
-def _plain(effect: Any) -> dict[str, Any]:
-    values = {name: effect.parameters[name].tolist() for name in effect.given}
-    return {"effect": effect.name, "joints": list(effect.joints), "parameters": values}
-
-
 # What changed: the contrast of a case and a reference of the same arm; ``docs/contrast.md`` derives it.
 
 
@@ -874,26 +821,30 @@ def diagnose_change(
     with threadpool_limits(1):
         prepared = prepare(nominal, progress, case.arm, reference.faults)
         comparison = _compared(prepared, case, reference, progress)
-        given = prepared.as_given(progress, reference.faults)
-        # a fault that is news has to explain more than no fault and no change do
-        if given is not None and _is_likelier(given, comparison, case, reference):
-            progress("takes the recordings as they are: no fault explains more")
-            prepared, comparison = given, _compared(given, case, reference, progress)
+        given = prepared.as_given(progress)
+        if given is not None:
+            # a fault that is news has to explain more than no fault and no change do
+            unchanged = _search(given, case, reference).unchanged()
+            found = comparison.fit.total + comparison.faults_log_probability
+            if unchanged > found:
+                progress("takes the recordings as they are: no fault explains more")
+                prepared = given
+                comparison = _compared(given, case, reference, progress)
         # a computed torque may be explained better by another rule of the controller: then once more by that one
         changes = tuple(map(comparison.change, comparison.named))
-        likelier = prepared.by_likelier_rule(changes, progress, reference.faults)
+        likelier = prepared.by_likelier_rule(changes, progress)
         if likelier is not None:
             comparison = _compared(likelier, case, reference, progress)
         progress("writes the findings")
-        found = comparison.possible_arm
-        (folder / URDF).write_bytes(found.urdf.encode())
+        possible = comparison.possible_arm
+        (folder / URDF).write_bytes(possible.urdf.encode())
         return Change(
             reference=reference,
-            case=replace(comparison.prepared.case, arm=found.arm),
+            case=replace(comparison.prepared.case, arm=possible.arm),
             effects=comparison.effects(comparison.named),
-            remainder=found.remainder,
+            remainder=possible.remainder,
             comparison=comparison,
-            diagnosis=diagnosis_of(comparison),
+            diagnosis=comparison.diagnosis(),
         )
 
 
@@ -915,15 +866,3 @@ def _search(prepared: Prepared, case: Case, reference: KeptReference) -> Search:
     # what both share is free: the vendor's arm is as good a start as any
     arm = fitted_arm(rows, case.arm, {0})
     return Search(rows, arm, [(CASE,)], {0}, FRICTION_DAY_TO_DAY)
-
-
-def _is_likelier(
-    given: Prepared,
-    comparison: ReferenceComparison,
-    case: Case,
-    reference: KeptReference,
-) -> bool:
-    """Whether a case as it was given, without any change, is likelier than with what a comparison has found."""
-    unchanged = _search(given, case, reference).unchanged()
-    fault = comparison.faults_log_probability
-    return unchanged > comparison.fit.total + fault

@@ -607,10 +607,6 @@ def _interval_words(recording: str, start: float | None, end: float | None) -> s
 # Localisation in depth of the gap of some joints.
 
 
-BINS = 24
-"""Bins of the quantity of a rule in ``JointLocalisation.profile``. (budget)"""
-
-
 @dataclass(frozen=True)
 class Profile:
     """RMS of a gap over bins of one quantity.
@@ -650,46 +646,34 @@ class JointLocalisation:
 
 
 def locate(
-    error: np.ndarray,
-    rows: MotionRows,
-    load: np.ndarray,
-    floor: np.ndarray,
-    joints: list[int],
-) -> list[JointLocalisation]:
-    """Rules, intervals, lines and bands of the gap of some joints.
+    gap: np.ndarray, rows: MotionRows, load: np.ndarray, floor: float, joint: int
+) -> JointLocalisation:
+    """Rules, intervals, lines and bands of the gap of a joint.
 
     Args:
-        error: gap [N m], (M, n).
+        gap: that of the joint, which is not zero everywhere [N m], (M,).
         rows: motion of the same rows.
         load: torque that the nominal arm predicts [N m], (M, n).
-        floor: RMS that a healthy arm leaves [N m], (n,).
-        joints: from 1; a joint whose gap is zero is left out.
+        floor: RMS that a healthy arm leaves on the joint [N m].
+        joint: from 1.
     """
-    out = []
-    for joint in joints:
-        gap, least = error[:, joint - 1], float(floor[joint - 1])
-        if not gap.any():
-            continue
-        over_time = levels(gap, rows, least)
-        own_rule = rule(gap, rows, load, least, joint)
-        in_frequency = spectra(gap, rows, load, joint)
-        found = [
-            own_rule,
-            *intervals(over_time, joint),
-            line(in_frequency, joint),
-            *coherent(in_frequency, joint)[:REGIONS_PER_JOINT],
-        ]
-        out.append(
-            JointLocalisation(
-                joint,
-                least,
-                tuple(region for region in found if region is not None),
-                None if own_rule is None else _profile(own_rule, gap, rows, load),
-                tuple(over_time),
-                in_frequency,
-            )
-        )
-    return out
+    over_time = levels(gap, rows, floor)
+    own_rule = rule(gap, rows, load, floor, joint)
+    in_frequency = spectra(gap, rows, load, joint)
+    found = [
+        own_rule,
+        *intervals(over_time, joint),
+        line(in_frequency, joint),
+        *coherent(in_frequency, joint)[:REGIONS_PER_JOINT],
+    ]
+    return JointLocalisation(
+        joint,
+        floor,
+        tuple(region for region in found if region is not None),
+        None if own_rule is None else _profile(own_rule, gap, rows, load),
+        tuple(over_time),
+        in_frequency,
+    )
 
 
 def _profile(
@@ -702,8 +686,9 @@ def _profile(
         return None
     place = list(QUANTITIES).index(conditions[0]["quantity"])
     values = rule_quantities(rows, load, own_rule.joint - 1)[:, place]
-    count, edges = np.histogram(values, BINS)
-    square, _ = np.histogram(values, BINS, weights=error**2)
+    count, edges = np.histogram(values, SPLITS)
+    square, _ = np.histogram(values, SPLITS, weights=error**2)
+
     used = count > 0
     middle = (edges[:-1] + edges[1:]) / 2
     # bins that the motion does not visit are left out
@@ -730,12 +715,12 @@ def located(
         floor: RMS that a healthy arm leaves [N m], (n,).
         joints: from 1, the worst first; only the first ``JOINTS_IN_DEPTH`` are looked at in depth.
     """
-    found = locate(error, rows, load, floor, joints[:JOINTS_IN_DEPTH])
-    in_depth = {place.joint: place.regions for place in found}
     out = []
-    for joint in joints:
+    for place, joint in enumerate(joints):
         out += regions(error, rows, load, [joint])
-        out += in_depth.get(joint, ())
+        gap, least = error[:, joint - 1], float(floor[joint - 1])
+        if place < JOINTS_IN_DEPTH and gap.any():
+            out += locate(gap, rows, load, least, joint).regions
     return out
 
 

@@ -368,18 +368,14 @@ def advise(
                 case = repaired(case, find_setup_faults(case))
             return _separating(case, effects, questions, request, progress)
         if unexplained or document["unexplained"]["above_floor"]:
-            return _general(case, request, progress)
+            # a motion that excites all that a model may hold, by all evaluations: there is one option only
+            budget = Budget(request.evaluations)
+            plan = SPEEDS[GENERAL]
+            plan = replace(plan, rate=request.rate, criterion="d", budget=budget)
+            rng = np.random.default_rng(request.seed)
+            found = design(prepare(case.arm, plan, request.limits, progress), rng)
+            return Advice((), plan=plan, excitation=found)
     return Advice(())
-
-
-def _general(case: Case, request: AdviceRequest, progress: Progress) -> Advice:
-    """A motion that excites all that a model of the arm may hold."""
-    # all evaluations: there is one option only
-    budget = Budget(request.evaluations)
-    plan = replace(SPEEDS[GENERAL], rate=request.rate, criterion="d", budget=budget)
-    rng = np.random.default_rng(request.seed)
-    found = design(prepare(case.arm, plan, request.limits, progress), rng)
-    return Advice((), plan=plan, excitation=found)
 
 
 def _separating(

@@ -70,6 +70,7 @@ class Prepared:
         setup_faults: those that were found beside these and put right.
         doubted: whether no ordinary errors of the nominal arm make its torque: it is another one, unless
             effects explain that.
+        inherent: name and variant of set-up faults that are no news: they are repaired and not reported.
         another_arm: whether they are of another arm: nothing can be found of it then.
         told: the controller, if its references told it for want of a torque.
     """
@@ -83,6 +84,7 @@ class Prepared:
     references: tuple[FoundFault, ...]
     setup_faults: tuple[FoundFault, ...]
     doubted: bool
+    inherent: Collection[tuple[str, str]] = ()
     another_arm: bool = False
     told: ToldController | None = None
 
@@ -90,13 +92,12 @@ class Prepared:
         self,
         effects: tuple[AppliedEffect, ...],
         progress: Progress,
-        inherent: Collection[tuple[str, str]] = (),
     ) -> Prepared | None:
         """The case once more if another rule of the controller explains its computed torque better than effects."""
         case = with_likelier_rule(self.given, effects)
         if case is None:
             return None
-        return _repaired(case, progress, self.references, inherent)
+        return _repaired(case, progress, self.references, self.inherent)
 
     def of_another_arm(self) -> Prepared:
         """The same as of another arm than the nominal one."""
@@ -113,19 +114,17 @@ class Prepared:
             another_arm=True,
         )
 
-    def as_given(
-        self, progress: Progress, inherent: Collection[tuple[str, str]]
-    ) -> Prepared | None:
+    def as_given(self, progress: Progress) -> Prepared | None:
         """The case once more without repair of the faults that are news; ``None`` if there is none to leave out."""
         # stamps are wrong by themselves, and what the reference has is no news
         kept = tuple(
             f
             for f in self.setup_faults
-            if f.name == TimeStamps.name or (f.name, f.variant) in inherent
+            if f.name == TimeStamps.name or (f.name, f.variant) in self.inherent
         )
         if len(kept) == len(self.setup_faults):
             return None
-        return _repaired(self.given, progress, self.references, inherent, kept)
+        return _repaired(self.given, progress, self.references, self.inherent, kept)
 
 
 def prepare(
@@ -228,6 +227,7 @@ def _repaired(
         references=references,
         setup_faults=setup_faults,
         doubted=doubted,
+        inherent=inherent,
     )
 
 

@@ -16,7 +16,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.arm.io.layouts import UNITS
+from gapscope.model.conditioning import MIN_CUTOFF, TORQUE_CUTOFF, TRIM
+from gapscope.model.contrast import SIZES
+from gapscope.model.design import LIKELY
+from gapscope.model.equations import MIN_NOISE
 from gapscope.model.readings import FAULT_SIGN_WIDTH, ORDINARY_ERROR
 from gapscope.model.rows import PER_CUTOFF
 
@@ -30,8 +34,6 @@ MIN_UNCHANGED = 3.0
 # of a healthy arm, from c sgn v, when it slides [1]. (hand)
 EFFECT_FORM = FRICTION_FORM = 0.03
 
-# Less motion than this in all recordings together is little: a note says so [s]. (hand)
-SHORT_MOTION = 20.0
 
 # --- gap: long recordings
 # Recordings longer than this in all are looked at in windows [s]... (budget)
@@ -39,6 +41,7 @@ LONG_RECORDINGS = 300.0
 EXAMINED = 180.0  # ...of this length in all [s]... (budget)
 WINDOW = 10.0  # ...and of about this length each [s], a period of most exciting motions... (hand)
 MIN_WINDOW = 4.0  # ...or of many recordings no less than this [s]. (hand)
+SHORT_MOTION = 2 * WINDOW  # Less in all than two motions last is little: a note says so [s].
 
 # --- gap: recordings that hold what no arm can have
 LARGEST_POSITION = 1e5  # Degrees of a motor behind a gear of 1 : 500 stay below [rad]. (physical)
@@ -48,7 +51,9 @@ MOVING_TORQUE = 0.3  # A torque that changes by this share of a moving recording
 # As few samples, that many spans of all others beyond them, are no motion: it would pass through what lies between.
 LONE_SAMPLES = 3  # [1] (hand)
 LONE_POSITION = 20.0  # [1] (hand)
-LONE_OF_OTHERS = 0.01  # Share of the widest joint's span that counts as span of one that stands still [1]. (hand)
+# A joint moves if its range exceeds this share of the largest joint's, which counts as that of one that does not [1].
+# (hand)
+MIN_MOTION_SHARE = 0.02
 
 # --- setup_faults: when a fault is named
 # A torque is late on all joints: none is likelier without, by more than this share of what all gain [1]. (hand)
@@ -61,7 +66,7 @@ FAULT_COARSE_STEP = 4  # All candidates are compared on every so many-th sample.
 FAULT_FINALISTS = 5  # ...and this many of them on all. (budget)
 # Zeros off by less are no convention but the effect encoder_offset [rad]. (definition)
 MIN_ZERO_OFFSET = np.deg2rad(20.0)
-DECIMAL_UNITS = (1e-3, 1e-2, 1e3)  # mN m, N cm and kN m in N m [1]. (definition)
+DECIMAL_UNITS = tuple(UNITS[name] for name in ("mN m", "N cm", "kN"))  # In N m; the last with an arm of 1 m [1].
 # A joint's factor is known from the nominal torque if they share this part of their variance [1]. (hand)
 KNOWN_FACTOR_R2 = 0.3
 REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)
@@ -70,20 +75,19 @@ REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (bu
 # unit if it is no farther from it than by half as much, either way [1]. (physical)
 OWN_UNIT_FACTOR = 1 + ORDINARY_ERROR
 DECIMAL_UNIT_ERROR = np.sqrt(OWN_UNIT_FACTOR)
-# Least misfit of an arm from whose torque an integrator's start is estimated, over the torque's deviation [1]. (hand)
-MIN_INTEGRATOR_MISFIT = 3e-3
 
 # --- setup_faults: time stamps and quantisation
-# Probability of what the recording itself or the nominal arm shows without any fit [1]. (hand)
-OBVIOUS_FAULT_PROBABILITY = 0.99
+FALSE_ALARM_RATE = 0.01  # How often alike recordings are said to differ, at most [1]. (statistics)
+# Probability of what the recording itself or the nominal arm shows without any fit [1].
+OBVIOUS_FAULT_PROBABILITY = 1 - FALSE_ALARM_RATE
 NAMED_REPEATS = 0.03  # Share of repeated rows beyond which they are named [1]. (hand)
 NAMED_JITTER = 0.05  # Unevenness beyond which it is named, standard deviation over the period [1]. (hand)
 NAMED_LOST = 0.01  # Share of samples missing beyond which gaps are named [1]. (hand)
 # Relative error of a rate beyond which it is named, and within which rates of joints are one [1]. (hand)
 NAMED_RATE_ERROR = 0.03
 AGREED_RATE_ERROR = 0.007  # The same if all of several recordings have the same error [1]... (hand)
-RATE_REPEATED = 0.003  # ...which is that their logarithms differ by less than this [1]. (hand)
-RATE_BAND = 5.0  # Recorded velocities are compared with those of the positions below this frequency [Hz]. (hand)
+RATE_REPEATED = AGREED_RATE_ERROR / 2  # ...which is that their logarithms differ by less than half of that [1].
+RATE_BAND = MIN_CUTOFF  # Velocities are compared with those of the positions where these are surely right [Hz].
 RATE_AGREEMENT = 0.98  # Correlation of a joint's two velocities from which on they are compared [1]. (hand)
 LOG_DIGITS = 6  # Significant digits that a log keeps at least; distances below what they resolve are rounding. (hand)
 CLOCK_ROUNDS = 6  # Steps of the search for its rate. (budget)
@@ -113,7 +117,7 @@ PACE_LAGS = (0.0, 0.1, 0.3)
 # A recorded velocity is the reference's if it differs from that by less than this share of how it differs from the
 # arm's [1]. (hand)
 REFERENCE_VELOCITY_RATIO = 0.1
-MIN_MOTION_SHARE = 0.02  # A joint moves if its range exceeds this share of the largest joint's [1]. (hand)
+
 LAW_BLOCKS = 8  # Blocks of each recording: a control law is fitted to every other, judged on the rest. (hand)
 LAW_EXPLAINS = 0.3  # What a control law may leave of a torque that it explains, over the deviation [1]. (hand)
 LAW_GAIN = 2.0  # Another law is named if it leaves less by this factor [1]. (hand)
@@ -126,9 +130,10 @@ INFERRED_GAIN_SPREAD = 1.5
 # A torque was computed from the log's own columns if gains leave less than this of it, over its deviation [1]: logs
 # keep five digits or more, and no torque is measured that well. (physical)
 EXACT_LAW = 1e-3
-# A computed torque does not fit the motion if this share of what the nominal arm needs is left by it, with a free
-# scale, friction and offset [1]; or this one if other gains leave less by ``LAW_GAIN``. (hand)
-UNMEASURED_MISFIT = 0.7
+# A computed torque does not fit the motion if, with a free scale, friction and offset, it takes away no more of what
+# the nominal arm needs than a law may leave that explains it [1]...
+UNMEASURED_MISFIT = 1 - LAW_EXPLAINS
+# ...or if it leaves this and other gains less by ``LAW_GAIN`` [1]. (hand)
 OTHER_GAINS_MISFIT = 0.25
 
 # --- assessment: joint torque sensors
@@ -139,38 +144,40 @@ SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
 # --- selection: search
 MIN_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at least [1]. (physical)
 
-PRESLIDING_GAIN = 5.0  # A joint's presliding must narrow the gap of trusted rows by so much [nats]. (hand)
+# A joint's presliding must narrow the gap of trusted rows by what chance seldom does [nats]. (statistics)
+PRESLIDING_GAIN = -np.log(FALSE_ALARM_RATE)
 # An effect must lower the held-out torque NRMSE of some joint by this much to be named [1]. (definition)
 VISIBLE_EFFECT = 0.01
-VISIBLE_TERM = 0.004  # A joint must gain this much in it to be named with an effect that is named anyway [1]. (hand)
+# A joint must gain the least noise that joints have to be named with an effect that is named anyway [1].
+VISIBLE_TERM = MIN_NOISE
+# What a healthy arm has of an effect, in RMS torque over the joint's scale: a coordinate in 400 has more [1].
+HEALTHY_TORQUE = VISIBLE_EFFECT / LIKELY
 # A motor that turns two joints is suspected, where none is declared, if its friction raises the evidence beside any
 # friction of both joints, and lowers the RMS of the held-out gap of both by this share [1]: a wrist with a common motor
 # reaches 0.57, pairs of joints without one 0.05. (hand)
 COUPLING_CLOSES = 0.2
-# --- agreement: how often alike recordings are said to differ
-FALSE_ALARM_RATE = 0.01  # At most [1]. (statistics)
 
 # --- assessment: what is unknown
-# What follows the motion and has no known cause is named from this RMS on, over the torque's deviation [1]: simplified
-# laws of healthy simulated arms leave up to as much. (hand)
-UNKNOWN_TORQUE = 0.02
+# What follows the motion and has no known cause is named from this RMS on, over the torque's deviation [1]: twice what
+# an effect is named for; simplified laws of healthy simulated arms leave up to as much.
+UNKNOWN_TORQUE = 2 * VISIBLE_EFFECT
 # What complete models of healthy real arms leave of the torque, over its deviation, RMS over joints [1]: the least and
 # the most of six public arms. (physical)
 HEALTHY_REAL = (0.04, 0.23)
 # What follows the motion of a joint has a cause if it is this many times what the other joints leave, in the geometric
 # mean [1]: errors of form of healthy arms differ by as much. 1 to 2 change 4 of 54 real pieces, 1 of 38 outside. (hand)
 STANDS_OUT = 1.5
-# With a reference it must exceed what that leaves this many times [1]. (hand)
-SIGNIFICANT_RESIDUAL_RATIO = 2.2
+# With a reference it must exceed what that leaves as if both stood out: what it leaves is an error of form, too [1].
+SIGNIFICANT_RESIDUAL_RATIO = STANDS_OUT**2
 
 # --- assessment: share of a residual that a flexible model predicts
 ROWS_PER_CUTOFF = PER_CUTOFF  # Rows per period of the torque gap's cut-off; more hold nothing new. (statistics)
 # Waves of the posture of the arm; twice as many of a joint's signals. (budget)
 FOURIER_FEATURES = 60
-# Time beside the border between two folds that is not fitted [s]: held-out rows have no neighbours in it. (hand)
-FOLD_GUARD = 0.3
-# Strengths of the ridge that are tried, over the mean square of the columns [1]. (budget)
-RIDGE_STRENGTHS = (3e-4, 3e-3, 3e-2, 0.3, 3.0)
+# Time beside the border between two folds that is not fitted [s]: held-out rows have no neighbours in it. (definition)
+FOLD_GUARD = TRIM
+# Strengths of the ridge that are tried, over the mean square of the columns: of effects of all sizes [1]. (budget)
+RIDGE_STRENGTHS = tuple(size**2 for size in SIZES)
 MIN_OSCILLATION = 0.5  # Lowest frequency of an oscillation [Hz]: a slow motion does what is below. (hand)
 MAX_OSCILLATION = TORQUE_CUTOFF  # Highest frequency of an oscillation [Hz]: the band of the torque gap. (definition)
 # Frequencies that are tried per resolution 1 / duration: the phase has to last over the prediction. (budget)
@@ -179,7 +186,8 @@ OSCILLATION_GRID = 8
 # --- assessment: probabilities, replay
 OPEN_ALTERNATIVE = 0.05  # An alternative with this probability leaves the question open [1]. (hand)
 NAMED_PROBABILITY = 0.5  # An effect less probable than this is not named [1]. (definition)
-FALSE_DISCOVERY_RATE = 0.05  # Share of the effects confirmed that may be there by chance [1]. (statistics)
+# Share of the effects confirmed that may be there by chance: none of them leaves a question open by itself [1].
+FALSE_DISCOVERY_RATE = OPEN_ALTERNATIVE
 # Ticks of the controller that are replayed, from the start of a recording: 5 s at 1 kHz, which take a fifth of a
 # second for each arm. (budget)
 REPLAYED_TICKS = 5_000
@@ -202,7 +210,9 @@ MAX_INTERVALS = 2  # Most intervals of all recordings: a contact may come twice.
 # the motion has no start. Chance is no measure of that: its level changes for sure. (hand)
 INTERVAL_RATIO = 4.0
 # Ends of the frequency bands [Hz]: octaves of what arms move at, up to the band of the gap. (definition)
-BANDS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, TORQUE_CUTOFF)
+OCTAVES = int(np.log2(TORQUE_CUTOFF / MIN_OSCILLATION)) + 1
+BANDS = (0.0, *(MIN_OSCILLATION * 2.0**octave for octave in range(OCTAVES)), TORQUE_CUTOFF)
+
 
 # --- reference: what changed since a reference
 # Share by which Coulomb and viscous friction may differ from day to day, as temperature does [bittencourt2012]:

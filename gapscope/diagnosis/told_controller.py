@@ -20,7 +20,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 
 from gapscope.arm.case import Case
@@ -29,16 +28,23 @@ from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.inertials import inertial_errors, inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.reading import references
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.gap.commanded_torque import filled
 from gapscope.diagnosis.gap.plausible_data import select_windows
-from gapscope.diagnosis.setup_faults.references import GAINS, LAW_TORQUE, law_sums
+from gapscope.diagnosis.setup_faults.references import (
+    GAINS,
+    LAW_TORQUE,
+    late_references,
+    law_motion,
+    law_sums,
+)
 from gapscope.diagnosis.thresholds import INERTIAL_ERROR, LAW_EXPLAINS, LAW_GAIN
+from gapscope.effects.actuation import DELAY_TIME
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.effect_ranges import Z95
 from gapscope.model.conditioning import (
+    MIN_FLOOR,
     TORQUE_CUTOFF,
     Segment,
     condition,
@@ -47,19 +53,18 @@ from gapscope.model.conditioning import (
 )
 from gapscope.model.design import LIKELY, WIDE
 from gapscope.model.effective_samples import motion_samples, variance_inflation
-from gapscope.model.equations import MIN_NOISE, SETTLED
+from gapscope.model.equations import MIN_NOISE, ROUNDS, SETTLED
 from gapscope.model.readings import FAULT_SIGN_WIDTH, MOTION_INDEPENDENT_RATE
 
 RATE = 1000.0
 """Rate of a controller of which nothing is known [Hz]: that of most drives."""
-LATEST = 0.2
-"""Time by which commands may take effect late [s]. (physical)"""
+LATEST = DELAY_TIME.bounds[1]
+"""Time by which commands may take effect late [s], as of any delay."""
 STATED = 0.1
 """Share by which stated friction and rotors may be off [1]. (hand)"""
 TICK = 1.0 / (4 * TORQUE_CUTOFF)
 """Step of delays that are tried [s]."""
-ROUNDS = 12
-"""Gauss-Newton steps. (budget)"""
+
 NAMES = ("kp", "kd", "ki")
 FRICTION = ("dry", "viscous", "rotor", "offset")
 COLUMNS = (*FRICTION, "needed", "error", "dq_ref", "dq", "integral", *FEEDFORWARDS[1:])
@@ -146,8 +151,8 @@ class ToldController:
             **gains,
             "delay": self.delay,
             "follows_velocity": self.law.follows,
-            "left": self.left.tolist(),
-            "not_told": (np.flatnonzero(~told) + 1).tolist(),
+            "left": self.left,
+            "not_told": np.flatnonzero(~told) + 1,
             "declare": self.lines(),
         }
 
@@ -188,25 +193,13 @@ class ToldController:
         return out
 
 
-def _late(
-    recording: Recording, times: np.ndarray, delay: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Reference positions [rad] and velocities [rad/s] that take effect at times [s] if they are late."""
-    late = np.maximum(times - delay, recording.t[0])
-    q_ref, dq_ref = (
-        make_interp_spline(recording.t, series, k=1)(late)
-        for series in references(recording, "controller")
-    )
-    return q_ref, dq_ref
-
-
 def _with_references(case: Case, delay: float, follows: bool = True) -> Case:
     """The case with references as they took effect, whose velocities are zero if the controller ignores them."""
 
     def read(recording: Recording) -> Recording:
         if recording.q_ref is None:
             return recording
-        q_ref, dq_ref = _late(recording, recording.t, delay)
+        q_ref, dq_ref = late_references(recording, recording.t, delay)
         return replace(recording, q_ref=q_ref, dq_ref=dq_ref * follows)
 
     return case.each(read)
@@ -264,7 +257,9 @@ class _Rows:
         self.late = 1.0 / min(r.rate for r, _ in self._pairs) / np.sqrt(12.0)
         *own, needed = np.moveaxis(self.fixed[:, :, 10 * arm.n_joints :], 2, 0)
         column = np.sqrt(np.square(own).mean(axis=1)).T
-        self.friction = WIDE * torque_scale(needed)[:, None] / np.maximum(column, 1e-9)
+        self.friction = (
+            WIDE * torque_scale(needed)[:, None] / np.maximum(column, MIN_FLOOR)
+        )
         if arm.armature.all():
             self.friction[:, FRICTION.index("rotor")] = STATED * arm.armature
 
@@ -272,21 +267,15 @@ class _Rows:
         """All columns if commands take effect late [s], (M, n, P)."""
         parts = []
         for recording, segment in self._pairs:
-            m, t = segment.motion, recording.t
-            q_ref, dq_ref = _late(recording, m.t, delay)
-            dq = m.dq
-            if recording.dq is not None:
-                dq = make_interp_spline(t, recording.dq, k=1)(m.t)
-            error = q_ref - make_interp_spline(t, recording.q, k=1)(m.t)
+            error, dq, planned = law_motion(recording, segment, delay)
             # with what the integral began is not known
-            integral = np.cumsum(error, axis=0) / m.rate
+            integral = np.cumsum(error, axis=0) / segment.motion.rate
             integral = integral - integral.mean(axis=0)
-            motion = q_ref, dq_ref, make_interp_spline(m.t, dq_ref, k=3)(m.t, 1)
             fed = [
-                feedforward(self._arm, self._body, kind, *motion)
+                feedforward(self._arm, self._body, kind, *planned)
                 for kind in FEEDFORWARDS[1:]
             ]
-            parts.append(_thin([error, dq_ref, dq, integral, *fed], segment))
+            parts.append(_thin([error, planned[1], dq, integral, *fed], segment))
         return np.concatenate([self.fixed, np.concatenate(parts)], axis=2)
 
 

@@ -23,7 +23,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.trajectory import Fourier, Limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.diagnose import SheetComparison, diagnosis_of, examine
+from gapscope.diagnosis.diagnose import SheetComparison, examine
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.result import Diagnosis
 
@@ -362,7 +362,7 @@ def examined(truth: Truth = Truth(), seed: int = 1, **how: Any) -> SheetComparis
 @cache
 def diagnosed(truth: Truth = Truth(), seed: int = 1, **how: Any) -> Diagnosis:
     """The diagnosis of a case, once for all tests; its document keeps to the schema."""
-    found = diagnosis_of(examined(truth, seed, **how))
+    found = examined(truth, seed, **how).diagnosis()
     validate(found.document)
     return found
 

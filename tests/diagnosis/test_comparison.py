@@ -18,11 +18,9 @@ from gapscope.diagnosis.comparison import (
     Comparison,
     names_of,
     separated_by,
-    std_of_draws,
 )
 from gapscope.diagnosis.diagnose import SheetComparison
 from gapscope.diagnosis.selection.search import EVERYONE, search_of
-from gapscope.effects.parameter import Parameter
 from gapscope.model.difference import Difference
 from gapscope.model.terms import Candidate, Term, Terms
 
@@ -60,17 +58,6 @@ def compared(*found: Term, sets: Sets) -> Comparison:
     return Comparison(None, replace(nothing(), fit=fit, sets=odds), 0)
 
 
-def test_joints_are_one_finding_and_each_link_is_its_own() -> None:
-    links = term("link_inertia", 1), term("link_inertia", 2)
-    findings = compared(SECOND, *links, FRICTION, sets={(): 0.0}).findings
-    joints = {name: [one.term.joint for one in mine] for name, mine in findings.items()}
-    assert joints == {
-        "coulomb_friction": [1, 2],
-        "link_inertia 1": [1],
-        "link_inertia 2": [2],
-    }
-
-
 def test_probabilities_are_summed_over_the_sets_that_hold_a_finding() -> None:
     """On whatever joint: 3 + 1 + 1 parts of 8 have Coulomb friction, 1 part the rotor."""
     sets = {(): 2.0, (FRICTION,): 3.0, (SECOND,): 1.0, (FRICTION, ROTOR): 1.0}
@@ -80,12 +67,6 @@ def test_probabilities_are_summed_over_the_sets_that_hold_a_finding() -> None:
     assert found.probabilities["armature"] == pytest.approx(1 / 7)
     assert found.log_odds("coulomb_friction") == pytest.approx(np.log(5 / 2))
     assert (found.named, found.possible) == (("coulomb_friction",), ("armature",))
-
-
-def test_what_no_set_does_without_is_as_sure_as_a_number_can_say() -> None:
-    assert np.isfinite(
-        compared(FRICTION, sets={(FRICTION,): 9.0}).log_odds("coulomb_friction")
-    )
 
 
 def rivals(*found: Term, sets: Sets) -> list[Alternative]:
@@ -100,11 +81,6 @@ def test_alternatives_are_as_likely_as_their_sets() -> None:
     assert (first.evidence, second.evidence) == pytest.approx((-1.0, -3.0))
     assert first.probability == pytest.approx(close / (1.0 + close + none))
     assert (second.effect, second.joints) == ("none", ())
-
-
-def test_better_alternatives_count_as_equals() -> None:
-    (best,) = rivals(FRICTION, sets={(): 30.0})
-    assert best.effect == "none" and best.probability == pytest.approx(0.5)
 
 
 def test_what_joints_lose_one_by_one_adds_up() -> None:
@@ -156,25 +132,6 @@ def test_names_are_added_until_they_hold_nine_of_ten() -> None:
     assert names_of("a", 0.5, others) == ["a", "b", "c", "unknown"]
 
 
-# How well values are known: the deviation that holds 95 % of draws.
-
-
-TORQUE = Parameter("torque", "c", "N m", (0.0, 1.0), (0.1, 0.5))
-
-
-def std(value: float, draws: np.ndarray) -> float:
-    samples = [{"torque": np.array([draw])} for draw in draws]
-    return float(std_of_draws(TORQUE, np.array([value]), samples)[0])
-
-
-def test_the_deviation_is_that_of_the_draws() -> None:
-    """1.96 to either side hold 95 % of draws that spread evenly by 0.2, or lie to one side, or beyond what can be."""
-    draws = np.linspace(0.3, 0.7, 1001)
-    assert 1.96 * std(0.5, draws) == pytest.approx(0.19, rel=1e-2)
-    assert 1.96 * std(0.5, np.full(10, 0.7)) == pytest.approx(0.2)
-    assert 1.96 * std(0.8, np.full(10, 40.0)) == pytest.approx(0.2)
-
-
 # Values of cases, against the truth.
 
 
@@ -204,21 +161,6 @@ def test_an_interval_holds_the_truth_and_is_narrow(truth, finding, name, value) 
 def test_a_delay_is_uncertain_by_the_skew_of_sampling_too() -> None:
     late = found(LATE).parameters("actuator_delay")
     assert late["delay"]["std"][0] >= SAMPLING_SKEW
-
-
-def test_what_was_searched_has_the_deviation_of_the_search() -> None:
-    rippling = found(RIPPLE)
-    (one,) = rippling.findings["torque_ripple"]
-    searched = rippling.difference.found[one.term].deviations
-    assert rippling.parameters("torque_ripple")["cycles"]["std"] == list(searched)
-
-
-def test_more_of_an_effect_is_surer() -> None:
-    little, much = (
-        found(Truth(coulomb=(0.0, torque, 0.0))).support("coulomb_friction")
-        for torque in (1.0, 3.0)
-    )
-    assert 0 < little["log_odds"] < much["log_odds"]
 
 
 def searched(*recordings: Recording) -> Comparison:

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import synthetic
-from cases import case_of, each
+from cases import case_of
 from synthetic import Truth, named
 
 import gapscope
 from gapscope.arm.case import Case
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -187,15 +187,6 @@ def test_of_one_recording_its_last_part_is_replayed() -> None:
 
 
 # Cases that are refused, told otherwise, or of another robot.
-
-
-def test_no_torque_at_all() -> None:
-    silent = each(synthetic.case(COULOMB, seed=7), lambda r: replace(r, tau=None))
-    with pytest.raises(
-        GapscopeError, match=r"synthetic: no recording carries a torque(.|\n)*tau1"
-    ) as caught:
-        diagnose(silent)
-    assert caught.value.exit_code == 1
 
 
 ORDER = np.array([2, 0, 1])

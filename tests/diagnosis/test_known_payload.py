@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import synthetic
 from cases import case_of
@@ -17,9 +16,7 @@ from sweeps import daily
 from synthetic import Joints, Truth, named
 
 from gapscope.arm.case import Case
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.known_load import KnownLoad
-from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.assessment.sensor_sides import link_torque
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.diagnose_change import (
@@ -29,13 +26,9 @@ from gapscope.diagnosis.diagnose_change import (
 )
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings, identify
-from gapscope.model.conditioning import Segment, blocks, condition, thinned
-from gapscope.model.jacobian import Bodies, LinearisationPoint, columns
-from gapscope.model.rows import DecimatedSegments
-from gapscope.model.terms import Terms
+from gapscope.model.conditioning import Segment, condition
 
 LOAD = KnownLoad(2.0, (0.1, -0.03, 0.05))
 CUTOFF = 10.0
@@ -73,61 +66,6 @@ def segment(k: int = 1) -> Segment:
     """The segment of a recording."""
     (only,) = condition(case().recordings[k], CUTOFF)
     return only
-
-
-def urdf_with_load(folder: Path) -> NominalArm:
-    """The nominal arm with the load welded by pinocchio into the inertial of its last link."""
-    model = pin.buildModelFromUrdf(str(synthetic.arm().urdf))
-    load = pin.Inertia(LOAD.mass, np.array(LOAD.com), np.zeros((3, 3)))
-    model.appendBodyToJoint(3, load, pin.SE3.Identity())
-    total = model.inertias[3]
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = total.inertia
-    inertial = (
-        f'<inertial><mass value="{total.mass!r}"/><origin xyz="{" ".join(map(repr, total.lever.tolist()))}"/>'
-        f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="{xz}" iyz="{yz}"/></inertial>'
-    )
-    head, _, last = synthetic.URDF.rpartition("<inertial>")
-    path = folder / "loaded.urdf"
-    path.write_text(head + inertial + last.partition("</inertial>")[2])
-    return replace(synthetic.arm(), urdf=path)
-
-
-def test_a_segment_and_its_parts_know_what_was_mounted() -> None:
-    assert segment(0).payload is None
-    for piece in (segment(), thinned(segment(), 100.0), *blocks(segment(), 2)):
-        assert piece.payload == LOAD
-
-
-@pytest.mark.parametrize("found", [False, True])
-def test_columns_are_those_of_a_nominal_arm_with_the_load_in_its_urdf(
-    found: bool, tmp_path: Path
-) -> None:
-    """All but those of a force, which acts where it did; around no effects and around some."""
-    s, terms = segment(), Terms(3)
-    theta = np.zeros(terms.size)
-    if found:
-        theta[terms.block("payload")[:, 0]] = [1.0, 0.1, 0.0, 0.02]
-        theta[terms.block("base_tilt")[:, 0]] = 0.05
-        theta[terms.block("encoder_offset")[0, 1]] = 0.03
-        theta[terms.block("joint_elasticity")[:, 2]] = [1e-4, 1e-8]
-        theta[terms.block("backlash")[0, 1]] = 0.004
-    arm = urdf_with_load(tmp_path)
-    results = []
-    for nominal, piece in ((synthetic.arm(), s), (arm, replace(s, payload=None))):
-        bodies = Bodies(RigidBody(nominal), piece)
-        corrected = CorrectedArm(nominal, terms.effects(theta))
-        at = LinearisationPoint.of(corrected, bodies, terms, theta)
-        data = DecimatedSegments([piece], CUTOFF)
-        results.append((at.torque, columns(at, data)))
-    (base, x), (expected, y) = results
-    np.testing.assert_allclose(base, expected, atol=1e-6)
-    size = np.abs(y).max(axis=(0, 1)).clip(1e-3)
-    np.testing.assert_allclose(x / size, y / size, atol=1e-4)
-    assert x.any(axis=(0, 1)).sum() > 30
-
-
-def test_it_is_no_fault_of_the_set_up() -> None:
-    assert find_setup_faults(case()) == ()
 
 
 def test_the_sensor_behind_the_gear_carries_it() -> None:

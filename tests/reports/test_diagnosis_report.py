@@ -75,7 +75,7 @@ def located(stage: str) -> Located:
         + (np.abs(q) < 0.2) * white
         + 0.8 * np.sin(2 * np.pi * 6 * t)[:, None] * (t > 12)[:, None]
     )
-    return Located(stage, locate(error, rows, 9 * np.cos(q), np.full(7, 0.05), [4])[0])
+    return Located(stage, locate(error[:, 3], rows, 9 * np.cos(q), 0.05, 4))
 
 
 def rendered(document: dict[str, Any], folder: Path) -> Page:

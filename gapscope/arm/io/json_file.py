@@ -91,15 +91,15 @@ def plain(value: Any, *, null_if_not_finite: bool = False) -> Any:
     def convert(entry: Any) -> Any:
         return plain(entry, null_if_not_finite=null_if_not_finite)
 
+    # NumPy's own numbers are no numbers of JSON
+    if isinstance(value, (np.generic, np.ndarray)):
+        value = value.tolist()
     if is_dataclass(value):
         value = vars(value)
     if isinstance(value, Mapping):
         return {key: convert(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
+    if isinstance(value, (list, tuple)):
         return [convert(entry) for entry in value]
-    # NumPy's own numbers are no numbers of JSON
-    if isinstance(value, np.generic):
-        value = value.item()
     if null_if_not_finite and isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -49,20 +49,16 @@ def link_torque(corrected: CorrectedArm, body: RigidBody, motion: Motion) -> np.
 
 
 def sensor_errors(link: np.ndarray, t: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """Derivatives of the readings by each sensor's zero, scale and lag, over their spread, shape (N, n, 3 n).
+    """Derivatives of the readings by each sensor's zero, scale and lag, over their spread, shape (N, n, 3).
 
     Args:
         link: predicted link torque [N m], (N, n).
         t: time [s], (N,).
         spread: of the zeros [N m], (n,).
     """
-    n = link.shape[1]
-    out = np.zeros((*link.shape, 3, n))
-    for j in range(n):
-        out[:, j, 0, j] = spread[j]
-        out[:, j, 1, j] = SENSOR_SCALE * link[:, j]
-        out[:, j, 2, j] = -SENSOR_LAG * np.gradient(link[:, j], t)
-    return out.reshape(len(link), n, 3 * n)
+    rate = np.gradient(link, t, axis=0)
+    zero = np.broadcast_to(spread, link.shape)
+    return np.stack([zero, SENSOR_SCALE * link, -SENSOR_LAG * rate], axis=2)
 
 
 CARRIED_BY = {
@@ -96,13 +92,16 @@ def find_sides(
         return None
     scale = torque_scale(np.vstack([filtered_torque(s) for s in sensed]))
     spread = SENSOR_ZERO * scale
-    errors = _fitted_errors(corrected, body, sensed, spread)
-    readings = []
-    for s in sensed:
-        link = link_torque(corrected, s.bodies(body), s.motion)
-        readings.append(
-            s.torque_sensor - sensor_errors(link, s.motion.t, spread) @ errors
-        )
+    links = [link_torque(corrected, s.bodies(body), s.motion) for s in sensed]
+    every = [
+        sensor_errors(link, s.motion.t, spread)
+        for s, link in zip(sensed, links, strict=True)
+    ]
+    errors = _fitted_errors(sensed, links, every)
+    readings = [
+        s.torque_sensor - np.einsum("tjk,jk->tj", x, errors)
+        for s, x in zip(sensed, every, strict=True)
+    ]
     before, after = (
         _side_gaps(arm, body, sensed, readings) for arm in (nominal, corrected)
     )
@@ -114,15 +113,16 @@ def find_sides(
         # what follows the motion has a cause; the rest is the floor
         floor2 = np.maximum(gap.rmse**2 - found.follows2, MIN_FLOOR**2) / scale**2
         given = before.rmse[own] / scale
-        above.append(carries(given, np.sqrt(floor2)))
+        # above the floor by what is worth a search
+        above.append(given**2 > floor2 + UNKNOWN_TORQUE**2)
         sides[side] = {
             "before": {
-                "torque_nrmse": given.tolist(),
-                "floor": np.sqrt(floor2).tolist(),
+                "torque_nrmse": given,
+                "floor": np.sqrt(floor2),
             },
-            "after": {"torque_nrmse": (gap.rmse / scale).tolist()},
+            "after": {"torque_nrmse": gap.rmse / scale},
         }
-    zero, gain, lag = errors.reshape(3, -1)
+    zero, gain, lag = errors.T
     effects = []
     for effect in corrected.effects:
         about = {"effect": effect.name, "joints": list(effect.joints)}
@@ -133,53 +133,47 @@ def find_sides(
             CARRIED_BY[bool(a), bool(b)] for a, b in zip(*above, strict=True)
         ],
         "sensor": {
-            "zero": {"unit": "N m", "value": (spread * zero).tolist()},
-            "scale": {"unit": "1", "value": (SENSOR_SCALE * gain).tolist()},
-            "lag": {"unit": "s", "value": (SENSOR_LAG * lag).tolist()},
+            "zero": {"unit": "N m", "value": spread * zero},
+            "scale": {"unit": "1", "value": SENSOR_SCALE * gain},
+            "lag": {"unit": "s", "value": SENSOR_LAG * lag},
         },
         "recordings": list(dict.fromkeys(s.recording for s in sensed)),
         "effects": effects,
     }
 
 
-def carries(gap: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Joints on which a torque NRMSE is above the floor by what is worth a search, (n,)."""
-    return np.asarray(gap**2 > floor**2 + UNKNOWN_TORQUE**2)
-
-
 def _fitted_errors(
-    arm: CorrectedArm, body: RigidBody, segments: list[Segment], zero: np.ndarray
+    segments: list[Segment], links: list[np.ndarray], errors: list[np.ndarray]
 ) -> np.ndarray:
-    """Zero, scale and lag of each sensor over their spread, (3 n,), by what an arm leaves of the link side."""
-    n = arm.arm.n_joints
+    """Zero, scale and lag of each sensor over their spread, (n, 3), by what an arm leaves of the link side.
+
+    Args:
+        segments: with sensors.
+        links: link torque that the arm predicts on each [N m], (N, n).
+        errors: derivatives of the readings there, (N, n, 3).
+    """
     columns, gaps = [], []
-    for s in segments:
-        link = link_torque(arm, s.bodies(body), s.motion)
+    for s, link, x in zip(segments, links, errors, strict=True):
         # more rows than twice the band hold nothing new
-        step = max(1, int(s.motion.rate / (2 * TORQUE_CUTOFF)))
-        rate, kept = s.motion.rate, slice(s.inner.start, s.inner.stop, step)
-        x = sensor_errors(link, s.motion.t, zero).reshape(len(link), -1)
-        columns.append(low_pass(x, rate, TORQUE_CUTOFF)[kept].reshape(-1, n, 3 * n))
+        rate = s.motion.rate
+        step = max(1, int(rate / (2 * TORQUE_CUTOFF)))
+        kept = slice(s.inner.start, s.inner.stop, step)
         assert s.torque_sensor is not None
+        columns.append(low_pass(x, rate, TORQUE_CUTOFF)[kept])
         gaps.append(low_pass(s.torque_sensor - link, rate, TORQUE_CUTOFF)[kept])
     x, gap = np.concatenate(columns), np.vstack(gaps)
     segment = np.repeat(np.arange(len(gaps)), [len(g) for g in gaps])
-    out = np.zeros((3, n))
-    for j in range(n):
-        # zero, scale and lag of one sensor lie n columns apart
-        own = x[:, j, j::n]
-        left, noise2 = gap[:, j], float((gap[:, j] ** 2).mean())
-        # rows count as the noise that is left about what they tell
-        for _ in range(2):
-            # columns are over the spread of each error: its prior is of unit size
-            value = np.linalg.solve(
-                own.T @ own / noise2 + np.eye(3), own.T @ left / noise2
-            )
-            rest = left - own @ value
-            inflation = float(variance_inflation(rest[:, None], segment)[0])
-            noise2 = max(float((rest**2).mean()) * inflation, MIN_FLOOR**2)
-        out[:, j] = value
-    return out.ravel()
+    gram, right = np.einsum("tja,tjb->jab", x, x), np.einsum("tja,tj->ja", x, gap)
+    noise2 = (gap**2).mean(axis=0)
+    # rows count as the noise that is left about what they tell
+    for _ in range(2):
+        # columns are over the spread of each error: its prior is of unit size
+        normal = gram / noise2[:, None, None] + np.eye(3)
+        value = np.linalg.solve(normal, (right / noise2[:, None])[:, :, None])[:, :, 0]
+        rest = gap - np.einsum("tja,ja->tj", x, value)
+        inflation = variance_inflation(rest, segment)
+        noise2 = np.maximum((rest**2).mean(axis=0) * inflation, MIN_FLOOR**2)
+    return value
 
 
 def _side_gaps(

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.locate import MotionRows
 from gapscope.diagnosis.thresholds import (
@@ -34,14 +36,14 @@ from gapscope.model.conditioning import MIN_FLOOR, TORQUE_CUTOFF
 from gapscope.model.design import drawn_waves
 from gapscope.model.difference import ANY
 from gapscope.model.effective_samples import variance_inflation
+from gapscope.model.readings import FAULT_SIGN_WIDTH
 from gapscope.model.torque_gap import TorqueGap
 
 # Curves of a gap over one variable.
 
 KNOTS = 16
 """Knots of a curve, at equal shares of the samples and of the range in turn."""
-MOVING = 0.02
-"""A joint moves in a direction when it is faster than about this [rad/s]."""
+
 SMOOTH = 0.02
 """Weight of a curve's second differences, over the number of samples per knot."""
 
@@ -88,20 +90,10 @@ class Variable:
     def hats(self) -> np.ndarray:
         """Hat functions over the knots: a curve through values at the knots is linear in them; (M, K)."""
         knots = self.knots
-        columns = []
-        for heights in np.eye(len(knots)):
-            columns.append(np.interp(self.values, knots, heights))
-        return np.column_stack(columns)
-
-    def smooth(self) -> list[np.ndarray]:
-        """Smooth functions of the variable for a model of many variables; each (M,)."""
-        # Angles repeat after a turn.
-        if self.name == "position":
-            return [np.sin(self.values), np.cos(self.values)]
-        # A speed is no smooth function of the velocity, and follows from it.
-        if self.name == "speed":
-            return []
-        return [self.values]
+        each = [
+            np.interp(self.values, knots, heights) for heights in np.eye(len(knots))
+        ]
+        return np.column_stack(each)
 
 
 def variables(
@@ -117,7 +109,7 @@ def variables(
         Variable("position", "rad", rows.q[kept, j]),
         Variable("speed", "rad/s", np.abs(v)),
         Variable("velocity", "rad/s", v),
-        Variable("direction", "1", np.tanh(v / MOVING)),
+        Variable("direction", "1", np.tanh(v / FAULT_SIGN_WIDTH)),
         Variable("acceleration", "rad/s^2", rows.ddq[kept, j]),
         Variable("load", "N m", load),
         Variable("time", "s", rows.clock[kept]),
@@ -146,169 +138,131 @@ def curve_of(variable: Variable, gap: np.ndarray, weight: np.ndarray) -> Curve:
     return Curve(variable.name, variable.unit, knots, heights)
 
 
-# Ridge regression with prediction of held-out folds, from sums of normal equations.
+# Prediction of held-out halves of recordings: a ridge regression, and an oscillation that does not follow the motion.
 
 
-@dataclass(frozen=True)
-class Folds:
-    """How rows are left out together.
+class Halves(NamedTuple):
+    """Rows at about the rate of what a filtered gap holds, K in all, in halves of recordings.
 
     Attributes:
-        fold: of each row, (M,).
-        fitted: rows that may be fitted, (M,); all are predicted.
+        kept: which of all rows they are, (K,).
+        t: time since the start of their recording [s], (K,).
+        segment: their recording, (K,).
+        fold: their half, which is left out together, (K,).
+        fitted: those that may be fitted, (K,); all are predicted.
     """
 
+    kept: np.ndarray
+    t: np.ndarray
+    segment: np.ndarray
     fold: np.ndarray
     fitted: np.ndarray
 
 
-def predict_held_out(x: np.ndarray, y: np.ndarray, folds: Folds) -> np.ndarray:
-    """Prediction of y, (M,), each fold with a ridge regression on columns x, (M, p), of the other folds.
+def halves_of(rows: MotionRows) -> Halves:
+    """Rows that are kept of all, and the halves of recordings."""
+    kept, folds, fitted = [], [], []
+    for segment, rate in enumerate(rows.rates):
+        step = max(1, int(rate / (ROWS_PER_CUTOFF * TORQUE_CUTOFF)))
+        own = np.flatnonzero(rows.segment == segment)[::step]
+        second_half = np.arange(len(own)) >= len(own) / 2
+        t = rows.t[own]
+        border = t[int(np.argmax(second_half))]
+        kept.append(own)
+        folds.append(2 * segment + second_half)
+        # Rows beside the border are nearly those on its other side: fitting them would leak what is held out.
+        fitted.append(np.abs(t - border) > FOLD_GUARD)
+    places, fold, used = map(np.concatenate, (kept, folds, fitted))
+    return Halves(places, rows.t[places], rows.segment[places], fold, used)
 
-    The strength for a fold is the one that predicts the other folds best, those being left out in turn. If even the
+
+def predict_held_out(x: np.ndarray, y: np.ndarray, rows: Halves) -> np.ndarray:
+    """Prediction of y, (K,), each half with a ridge regression on columns x, (K, p), of the other halves.
+
+    The strength for a half is the one that predicts the other halves best, those being left out in turn. If even the
     best is worse than predicting 0 there, the prediction is 0.
     """
-    rows_of_fold = [folds.fold == fold for fold in np.unique(folds.fold)]
-    by_strength = _predictions(x, y, folds.fitted, rows_of_fold)
-
-    # Squared errors per strength and fold, and those of predicting 0.
+    halves = [rows.fold == fold for fold in np.unique(rows.fold)]
+    # normal equations of each half: those of all others are sums less its own
+    used = [half & rows.fitted for half in halves]
+    grams = [x[own].T @ x[own] for own in used]
+    rights = [x[own].T @ y[own] for own in used]
+    gram, right = np.sum(grams, axis=0), np.sum(rights, axis=0)
+    ridges = np.array(RIDGE_STRENGTHS) * np.trace(gram) / len(gram)
+    by_strength = np.zeros((len(ridges), len(y)))
+    for half, own_gram, own_right in zip(halves, grams, rights, strict=True):
+        # one decomposition serves all strengths: a ridge adds to every eigenvalue
+        value, vector = np.linalg.eigh(gram - own_gram)
+        rotated = vector.T @ (right - own_right)
+        ridged = np.maximum(value[:, None] + ridges, SMALLEST)
+        coefficients = vector @ (rotated[:, None] / ridged)
+        by_strength[:, half] = (x[half] @ coefficients).T
+    # squared errors per strength and half, and those of predicting 0
     squares = (y - by_strength) ** 2
-    errors = np.column_stack([squares[:, rows].sum(axis=1) for rows in rows_of_fold])
-    powers = np.array([(y[rows] ** 2).sum() for rows in rows_of_fold])
-
+    errors = np.column_stack([squares[:, half].sum(axis=1) for half in halves])
+    powers = np.array([(y[half] ** 2).sum() for half in halves])
     out = np.zeros(len(y))
-    for k, rows in enumerate(rows_of_fold):
-        # A fold has no say in its own strength: it is chosen by how the others are predicted.
+    for k, half in enumerate(halves):
+        # a half has no say in its own strength: it is chosen by how the others are predicted
         on_others = errors.sum(axis=1) - errors[:, k]
         best = int(np.argmin(on_others))
         if on_others[best] < powers.sum() - powers[k]:
-            out[rows] = by_strength[best, rows]
+            out[half] = by_strength[best, half]
     return out
-
-
-def _predictions(
-    x: np.ndarray, y: np.ndarray, fitted: np.ndarray, rows_of_fold: list[np.ndarray]
-) -> np.ndarray:
-    """Prediction of each fold from the others under each strength of the ridge, (strengths, M)."""
-    # Normal equations of each fold: those of all others are sums less its own.
-    grams, rights = [], []
-    for rows in rows_of_fold:
-        own = rows & fitted
-        columns = x[own]
-        grams.append(columns.T @ columns)
-        rights.append(columns.T @ y[own])
-    gram = np.sum(grams, axis=0)
-    right = np.sum(rights, axis=0)
-    mean_square = np.trace(gram) / len(gram)
-
-    out = np.zeros((len(RIDGE_STRENGTHS), len(y)))
-    for rows, own_gram, own_right in zip(rows_of_fold, grams, rights, strict=True):
-        # One decomposition serves all strengths: a ridge adds to every eigenvalue.
-        value, vector = np.linalg.eigh(gram - own_gram)
-        rotated = vector.T @ (right - own_right)
-
-        for k, strength in enumerate(RIDGE_STRENGTHS):
-            ridged = np.maximum(value + strength * mean_square, SMALLEST)
-            coefficients = vector @ (rotated / ridged)
-            out[k, rows] = x[rows] @ coefficients
-    return out
-
-
-# An oscillation at one frequency that does not follow the motion, predicted on held-out halves of recordings.
 
 
 def predict_oscillation(
-    t: np.ndarray,
-    gap: np.ndarray,
-    weight: np.ndarray,
-    segment: np.ndarray,
-    fold: np.ndarray,
+    gap: np.ndarray, weight: np.ndarray, rows: Halves
 ) -> np.ndarray:
-    """Prediction of weighted gaps [N m], (M, n), as a sin(2 pi f t) + b cos(2 pi f t), a and b per recording.
+    """Prediction of weighted gaps [N m], (K, n), as a sin(2 pi f t) + b cos(2 pi f t), a and b per recording.
 
-    Each fold of a joint is predicted with f from all others, and a and b from the rest of its own recording; 0 if a
+    Each half of a joint is predicted with f from all others, and a and b from the rest of its own recording; 0 if a
     recording has no rest.
 
     Args:
-        t: time of the rows since the start of their recording [s], (M,).
-        gap: of n joints, times the weight of its row [N m], (M, n).
-        weight: [1], (M, n).
-        segment: recording of each row, (M,).
-        fold: what is left out together, (M,).
+        gap: of n joints, times the weight of its row [N m], (K, n).
+        weight: [1], (K, n).
+        rows: the rows.
     """
-    longest = max(float(np.ptp(t[segment == s])) for s in np.unique(segment))
+    t, segment, fold = rows.t, rows.segment, rows.fold
+    recordings = np.unique(segment)
+    longest = max(float(np.ptp(t[segment == s])) for s in recordings)
     out = np.zeros_like(gap)
     if longest <= 0:
         return out
-
     step = 1.0 / (OSCILLATION_GRID * longest)
     frequency = np.arange(MIN_OSCILLATION, MAX_OSCILLATION, step)
-    # The power spectrum of any set of folds follows from the Fourier sums of each.
+    # the power spectrum of any set of halves follows from the Fourier sums of each
     sums = {
         f: fourier(frequency, t[fold == f], gap[fold == f]) for f in np.unique(fold)
     }
-
     for left_out in sums:
         own = fold == left_out
-        recording = segment[own][0]
-        rest = (segment == recording) & ~own
-
-        # A phase is known within a recording alone.
+        rest = (segment == segment[own][0]) & ~own
+        # a phase is known within a recording alone
         if not rest.any():
             continue
-        power = _power_without(left_out, sums, segment, fold)
-        strongest = frequency[np.argmax(power, axis=0)]
-        for j, f in enumerate(strongest):
-            waves = _waves(f, t[rest]) * weight[rest, j, None]
-            amplitude, *_ = np.linalg.lstsq(waves, gap[rest, j], rcond=None)
-            out[own, j] = _waves(f, t[own]) * weight[own, j, None] @ amplitude
+        power = np.zeros(sums[left_out].shape)
+        for s in recordings:
+            kept = (segment == s) & ~own
+            parts = [sums[f] for f in np.unique(fold[kept])]
+            if parts:
+                power += np.abs(np.sum(parts, axis=0)) ** 2 / kept.sum()
+        for j, f in enumerate(frequency[np.argmax(power, axis=0)]):
+            angle = 2.0 * np.pi * f * t
+            waves = np.column_stack([np.sin(angle), np.cos(angle)]) * weight[:, j, None]
+            amplitude, *_ = np.linalg.lstsq(waves[rest], gap[rest, j], rcond=None)
+            out[own, j] = waves[own] @ amplitude
     return out
-
-
-def _power_without(
-    left_out: int, sums: dict[int, np.ndarray], segment: np.ndarray, fold: np.ndarray
-) -> np.ndarray:
-    """Power per frequency over all folds but one, (K, n); phases count within a recording, not between recordings."""
-    power = np.zeros(sums[left_out].shape)
-    for s in np.unique(segment):
-        kept = (segment == s) & (fold != left_out)
-        parts = [sums[f] for f in np.unique(fold[kept])]
-
-        if parts:
-            power += np.abs(np.sum(parts, axis=0)) ** 2 / kept.sum()
-    return power
-
-
-def amplitudes(
-    t: np.ndarray, gap: np.ndarray, segment: np.ndarray, frequency: np.ndarray
-) -> np.ndarray:
-    """Amplitude of a gap at some frequencies [N m], root mean square over the recordings, (K,)."""
-    power = np.zeros(len(frequency))
-    for s in np.unique(segment):
-        rows = segment == s
-        count = rows.sum()
-
-        amplitude = np.abs(2.0 / count * fourier(frequency, t[rows], gap[rows]))
-        power += count * amplitude**2
-    return np.sqrt(power / len(gap))
 
 
 def fourier(frequency: np.ndarray, t: np.ndarray, series: np.ndarray) -> np.ndarray:
     """Sum of series(t), (M, ...), times exp(-2 pi i f t), (K, ...); to single precision."""
-    # Whole turns are taken off before the precision is.
+    # whole turns are taken off before the precision is
     turns = np.outer(frequency, t) % 1.0
     angle = (2.0 * np.pi * turns).astype(np.float32)
     values = series.astype(np.float32)
-
-    real = np.cos(angle) @ values
-    imaginary = np.sin(angle) @ values
-    return np.asarray(real - 1j * imaginary)
-
-
-def _waves(frequency: float, t: np.ndarray) -> np.ndarray:
-    """Sine and cosine, (M, 2)."""
-    angle = 2.0 * np.pi * frequency * t
-    return np.column_stack([np.sin(angle), np.cos(angle)])
+    return np.asarray(np.cos(angle) @ values - 1j * (np.sin(angle) @ values))
 
 
 # What follows the motion of what is left.
@@ -345,19 +299,8 @@ class Predictable:
 
     def document(self) -> dict[str, object]:
         """The entry in ``diagnosis.json``."""
-        curve = self.curve
-        return {
-            "joint": self.joint,
-            "share": self.share,
-            "by": self.by,
-            "whiteness_p": self.whiteness_p,
-            "curve": {
-                "variable": curve.variable,
-                "unit": curve.unit,
-                "x": curve.x.tolist(),
-                "y": curve.y.tolist(),
-            },
-        }
+        entry: dict[str, object] = plain(self)
+        return {key: entry[key] for key in entry if key != "evidence"}
 
 
 @dataclass(frozen=True)
@@ -439,25 +382,55 @@ def unknown(
         trust: how far friction is known on each of them [1], (M, n): a joint that may stick hides what is there.
         scale: normalisation of the torque gap [N m], (n,).
     """
-    thinned = _thinned(rows)
-    kept, folds = thinned.kept, thinned.folds
-    # what all joints share is computed once
-    of_arm = _arm_features(rows.q[kept], rows.dq[kept], gap.predicted[kept])
-    memory = _memory(thinned, rows, gap.predicted)
-    p_values = _whiteness(gap, rows)
+    halves = halves_of(rows)
+    kept = halves.kept
+    load, velocity = gap.predicted[kept], rows.dq[kept]
+    angles = np.hstack([np.sin(rows.q[kept]), np.cos(rows.q[kept])])
+    # a joint that hardly moves gives no information: its deviation counts as 0.05 at least
+    spread = np.maximum(angles.std(axis=0), 0.05)
+    posture = (angles - angles.mean(axis=0)) / spread
+    # velocities and loads of all joints act on others by couplings; what all joints share is computed once
+    of_arm = np.hstack(
+        [
+            _normalised(np.hstack([velocity, load])),
+            _unit_waves(posture, FOURIER_FEATURES),
+        ]
+    )
+    memory = _memory(halves, rows, gap.predicted)
+    # of the gap sampled at its cut-off
+    rates = np.asarray(rows.rates)[rows.segment]
+    p_values = whiteness(gap.error, rows.segment, rates, TORQUE_CUTOFF).p_value
     # a joint of which no row is known has weights of 0
     known2 = np.maximum((trust[kept] ** 2).mean(axis=0), SMALLEST)
     weight = trust[kept] / np.sqrt(known2)
     error = gap.error - _skewed(gap, rows, trust / scale)
-    left, t = error[kept] * weight, rows.t[kept]
-    waves = predict_oscillation(t, left, weight, thinned.segment, folds.fold)
+    left = error[kept] * weight
+    waves = predict_oscillation(left, weight, halves)
     every = []
     for j, p_value in enumerate(p_values.tolist()):
-        known = variables(rows, kept, j, gap.predicted[kept, j])
-        residual = _Residual(j + 1, left[:, j], weight[:, j], known, t, thinned)
-        own = _signal_features(known, memory[:, j])
-        features = np.hstack([own, of_arm])
-        every.append(_of_joint(residual, waves[:, j], features, p_value))
+        known = variables(rows, kept, j, load[:, j])
+        # any hysteresis is a sum of stop operators: waves of them have more to learn, and predict no more
+        columns = []
+        for variable in known:
+            if variable.name == "position":
+                # angles repeat after a turn
+                columns += [np.sin(variable.values), np.cos(variable.values)]
+            elif variable.name != "speed":
+                # a speed is no smooth function of the velocity, and follows from it
+                columns.append(variable.values)
+        signals = _normalised(np.column_stack(columns))
+        features = np.column_stack(
+            [
+                np.ones(len(kept)),
+                signals,
+                _normalised(memory[:, j]),
+                _unit_waves(signals, 2 * FOURIER_FEATURES),
+                of_arm,
+            ]
+        )
+        residual = _Residual(left[:, j], weight[:, j], halves)
+        found = _of_joint(residual, j + 1, known, waves[:, j], features, p_value)
+        every.append(found)
     return Unknown((left**2).mean(axis=0), every, scale)
 
 
@@ -478,38 +451,16 @@ def _skewed(gap: TorqueGap, rows: MotionRows, weight: np.ndarray) -> np.ndarray:
     return float(np.clip(slope, -MIN_DELAY, MIN_DELAY)) * rate
 
 
-@dataclass(frozen=True)
-class _Thinned:
-    """Rows that are kept, (K,), their recording, and the halves of recordings that are left out together."""
+class _Residual(NamedTuple):
+    """The gap of one joint, weighted [N m], and the weights of its rows [1], (K,) each."""
 
-    kept: np.ndarray
-    segment: np.ndarray
-    folds: Folds
-
-
-@dataclass(frozen=True)
-class _Residual:
-    """The gap of one joint on the rows kept.
-
-    Attributes:
-        joint: from 1.
-        gap: weighted [N m], (K,).
-        weight: of each row [1], (K,).
-        variables: of the joint, by which the gap may be predicted.
-        t: time since the start of the recording [s], (K,).
-        rows: the rows kept.
-    """
-
-    joint: int
     gap: np.ndarray
     weight: np.ndarray
-    variables: list[Variable]
-    t: np.ndarray
-    rows: _Thinned
+    rows: Halves
 
     def predicted(self, columns: np.ndarray, gap: np.ndarray) -> np.ndarray:
         """Prediction of a weighted gap from columns, (K, p), on rows that are held out, (K,)."""
-        return predict_held_out(columns * self.weight[:, None], gap, self.rows.folds)
+        return predict_held_out(columns * self.weight[:, None], gap, self.rows)
 
     def share(self, predicted: np.ndarray) -> float:
         """Share of the squared gap that a prediction, (K,), takes away [1]."""
@@ -519,82 +470,68 @@ class _Residual:
 
 
 def _of_joint(
-    residual: _Residual, wave: np.ndarray, features: np.ndarray, p_value: float
+    residual: _Residual,
+    joint: int,
+    known: list[Variable],
+    wave: np.ndarray,
+    features: np.ndarray,
+    p_value: float,
 ) -> Predictable:
     """The predictable share of one joint.
 
     Args:
         residual: its gap.
+        joint: it, from 1.
+        known: variables of the joint, by which the gap may be predicted.
         wave: what an oscillation predicts of it [N m], (K,).
         features: of the joint and of the arm, (K, F).
         p_value: of its whiteness.
     """
-    gap, rows = residual.gap, residual.rows
-    # Each variable alone, as a curve of any form.
-    predicted = {
-        variable.name: residual.predicted(variable.hats(), gap)
-        for variable in residual.variables
-    }
+    gap, segment = residual.gap, residual.rows.segment
+    # each variable alone, as a curve of any form
+    predicted = {one.name: residual.predicted(one.hats(), gap) for one in known}
     predicted[OSCILLATION] = wave
     by = {name: residual.share(some) for name, some in predicted.items()}
     if by[OSCILLATION] == 0.0:
         wave = np.zeros_like(gap)
-
-    # The oscillation is taken out first: features of the motion cannot predict it.
+    # the oscillation is taken out first: features of the motion cannot predict it
     together = wave + residual.predicted(features, gap - wave)
-
     best = max(by, key=lambda name: by[name])
     share = residual.share(together)
-    # One variable alone may predict more than all together, as a model of many features has more to learn.
+    # one variable alone may predict more than all together, as a model of many features has more to learn
     if by[best] > share:
         share, together = by[best], predicted[best]
-    # A prediction that leaves the share 1 - s of the squares has the log likelihood -m/2 ln(1 - s) over none.
-    inflation = variance_inflation((gap - together)[:, None], rows.segment)[0]
+    # a prediction that leaves the share 1 - s of the squares has the log likelihood -m/2 ln(1 - s) over none
+    inflation = variance_inflation((gap - together)[:, None], segment)[0]
     evidence = -len(gap) / inflation / 2 * np.log(max(1.0 - share, np.finfo(float).eps))
-    # It is the best of so many.
+    # it is the best of so many
     evidence -= np.log(len(by) + 1)
-    curve = _curve(residual, best)
-    return Predictable(residual.joint, share, by, p_value, curve, float(evidence))
+    if best == OSCILLATION:
+        curve = _amplitudes(residual)
+    else:
+        chosen = next(one for one in known if one.name == best)
+        curve = curve_of(chosen, gap, residual.weight)
+    return Predictable(joint, share, by, p_value, curve, float(evidence))
 
 
-def _curve(residual: _Residual, name: str) -> Curve:
-    """The gap as a function of a variable, or its amplitude over frequency."""
-    if name == OSCILLATION:
-        frequency = np.arange(MIN_OSCILLATION, MAX_OSCILLATION, 0.05)
-        amplitude = amplitudes(
-            residual.t, residual.gap, residual.rows.segment, frequency
-        )
-        return Curve(OSCILLATION, "Hz", frequency, amplitude)
-    variable = next(v for v in residual.variables if v.name == name)
-    return curve_of(variable, residual.gap, residual.weight)
+def _amplitudes(residual: _Residual) -> Curve:
+    """Amplitude of a gap over frequency [N m], root mean square over the recordings."""
+    frequency = np.arange(MIN_OSCILLATION, MAX_OSCILLATION, 0.05)
+    power = np.zeros(len(frequency))
+    t, segment = residual.rows.t, residual.rows.segment
+    for s in np.unique(segment):
+        rows = segment == s
+        count = rows.sum()
+        amplitude = 2.0 / count * fourier(frequency, t[rows], residual.gap[rows])
+        power += count * np.abs(amplitude) ** 2
+    return Curve(OSCILLATION, "Hz", frequency, np.sqrt(power / len(t)))
 
 
-def _thinned(rows: MotionRows) -> _Thinned:
-    """Rows at about the rate of what a filtered gap holds, in halves of recordings."""
-    kept, folds, fitted = [], [], []
-    for segment, rate in enumerate(rows.rates):
-        step = max(1, int(rate / (ROWS_PER_CUTOFF * TORQUE_CUTOFF)))
-        own = np.flatnonzero(rows.segment == segment)[::step]
-
-        second_half = np.arange(len(own)) >= len(own) / 2
-        t = rows.t[own]
-        border = t[int(np.argmax(second_half))]
-
-        kept.append(own)
-        folds.append(2 * segment + second_half)
-        # Rows beside the border are nearly those on its other side: fitting them would leak what is held out.
-        fitted.append(np.abs(t - border) > FOLD_GUARD)
-
-    places = np.concatenate(kept)
-    halves = Folds(np.concatenate(folds), np.concatenate(fitted))
-    return _Thinned(places, rows.segment[places], halves)
-
-
-def _memory(thinned: _Thinned, rows: MotionRows, load: np.ndarray) -> np.ndarray:
+def _memory(halves: Halves, rows: MotionRows, load: np.ndarray) -> np.ndarray:
     """What joints remember of their motion and of their load (M, n) [N m], (K, n, states)."""
     out = []
-    for segment in np.unique(thinned.segment):
-        own = thinned.kept[thinned.segment == segment]
+    for segment in np.unique(halves.segment):
+        own = halves.kept[halves.segment == segment]
         memory = Memory(rows.q[own[0]])
         steps = np.diff(rows.t[own], prepend=rows.t[own[0]]).tolist()
         # memory is a state: rows one after the other, from the start of each recording
@@ -603,44 +540,12 @@ def _memory(thinned: _Thinned, rows: MotionRows, load: np.ndarray) -> np.ndarray
     return np.array(out)
 
 
-def _signal_features(known: list[Variable], memory: np.ndarray) -> np.ndarray:
-    """A 1, a joint's signals, what it remembers, (K, states), and waves of the signals; (K, F).
-
-    Any hysteresis is a sum of stop operators: waves of them have more to learn, and predict no more.
-    """
-    columns = [column for variable in known for column in variable.smooth()]
-    signals = _normalised(np.column_stack(columns))
-    waves = _unit_waves(signals, 2 * FOURIER_FEATURES)
-    ones = np.ones(len(signals))
-    return np.column_stack([ones, signals, _normalised(memory), waves])
-
-
 def _normalised(signals: np.ndarray) -> np.ndarray:
     """Signals about 0 with a deviation of 1, (K, S)."""
-    deviation = np.maximum(signals.std(axis=0), 1e-9)
+    deviation = np.maximum(signals.std(axis=0), MIN_FLOOR)
     return np.asarray((signals - signals.mean(axis=0)) / deviation)
-
-
-def _arm_features(q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """Velocities and loads of all joints, which act on others by couplings, and waves of the arm's posture, (K, F).
-
-    Args:
-        q, dq: motion [rad], [rad/s], (K, n).
-        load: torque that the corrected arm predicts [N m], (K, n).
-    """
-    angles = np.hstack([np.sin(q), np.cos(q)])
-    # A joint that hardly moves gives no information: its deviation counts as 0.05 at least.
-    spread = np.maximum(angles.std(axis=0), 0.05)
-    waves = _unit_waves((angles - angles.mean(axis=0)) / spread, FOURIER_FEATURES)
-    return np.hstack([_normalised(np.hstack([dq, load])), waves])
 
 
 def _unit_waves(state: np.ndarray, count: int) -> np.ndarray:
     """Waves of a state, (M, d), as large as signals that are normalised, (M, count)."""
     return np.sqrt(count) * drawn_waves(state, count)
-
-
-def _whiteness(after: TorqueGap, rows: MotionRows) -> np.ndarray:
-    """Ljung and Box's p-value of the gap of each joint, sampled at its cut-off, (n,)."""
-    rates = np.asarray(rows.rates)[rows.segment]
-    return whiteness(after.error, rows.segment, rates, TORQUE_CUTOFF).p_value

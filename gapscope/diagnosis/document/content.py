@@ -1,41 +1,58 @@
-"""The content of ``diagnosis.json``, written from the comparison of a case with a data sheet or a reference."""
+"""A comparison as a document, ``diagnosis.json``, and as the diagnosis with the curves that a report draws."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import SMALLEST
+from gapscope.arm.root_mean_square import SMALLEST, rms
+from gapscope.diagnosis.agreement import states
+from gapscope.diagnosis.assessment.replay_gap import ReplayGap
+from gapscope.diagnosis.assessment.unknown import Predictable
 from gapscope.diagnosis.comparison import Comparison, names_of
 from gapscope.diagnosis.document.findings import (
     LISTED_ALTERNATIVE,
     GapStages,
     alternative_entry,
-    numbers,
+    at_middle_entry,
+    gravity_entry,
     region_entry,
     settled_by,
     share_entry,
-    states_entry,
     suggested_recording,
     with_faults,
     with_states,
     with_torques_turned,
 )
+from gapscope.diagnosis.document.plotted_curves import (
+    located,
+    signatures,
+    spectrum,
+    traces,
+)
 from gapscope.diagnosis.document.wording import Verdict, verdict, with_slide_units
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
-from gapscope.diagnosis.locate import MotionRows, located, regions
+from gapscope.diagnosis.gap.repeatability import repeatability
+from gapscope.diagnosis.locate import MotionRows, regions, stack
+from gapscope.diagnosis.locate import located as regions_of
+from gapscope.diagnosis.prepare import Progress, silent
+from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
 from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE, UNKNOWN_TORQUE
+from gapscope.effects.applied import AppliedEffect, State
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
 from gapscope.model.changes import Change, change_findings
-from gapscope.model.conditioning import TORQUE_CUTOFF
-from gapscope.model.terms import Candidate
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment
+from gapscope.model.torque_gap import TorqueGap, torque_gap
 
 
 def recording_entry(recording: Recording, role: str) -> dict[str, Any]:
@@ -51,66 +68,86 @@ def recording_entry(recording: Recording, role: str) -> dict[str, Any]:
     return entry
 
 
-def nominal_friction(arm: NominalArm) -> dict[str, Any]:
-    """The friction that the nominal arm has, and where it comes from."""
-    return {
-        "source": arm.friction_source or None,
-        "coulomb": arm.coulomb.tolist(),
-        "viscous": arm.viscous.tolist(),
-    }
+@dataclass(frozen=True)
+class Document(Comparison):
+    """A comparison that is written; what a comparison with something says beside, it says in its own way."""
 
-
-class Document:
-    """Parts of the document of a comparison; what a comparison with something says beside, it says in its own way.
-
-    Args:
-        comparison: of which all is written.
-    """
-
-    floor_from: str
+    floor_from: ClassVar[str]
     """Where the floor comes from, in words."""
-    fitted_to = ""
+    fitted_to: ClassVar[str] = ""
     """What values are fitted to beside the case, in words."""
-
-    def __init__(self, comparison: Comparison) -> None:
-        self._comparison, self._known = comparison, comparison.explained
-        self._prepared, self._rows = comparison.prepared, motion_rows(comparison)
 
     # What a comparison says in its own way.
 
-    def arm(self) -> NominalArm:
+    @property
+    def declared(self) -> NominalArm:
         """The nominal arm as it was declared."""
-        return self._prepared.case.arm
+        return self.prepared.case.arm
 
-    def load(self) -> np.ndarray:
-        """Torque by which regions tell much load from little [N m], (M, n)."""
+    @property
+    def compared_with(self) -> NominalArm:
+        """The arm that the case is compared with, with its data sheet."""
+        return self.prepared.case.arm
+
+    @property
+    def body(self) -> RigidBody:
+        """Dynamics of the nominal arm."""
         raise NotImplementedError
 
+    @property
+    def nominal(self) -> CorrectedArm:
+        """The arm that the case is compared with, as it predicts."""
+        raise NotImplementedError
+
+    @property
+    def corrected(self) -> CorrectedArm:
+        """The same with what is named."""
+        raise NotImplementedError
+
+    @property
+    def segments(self) -> list[Segment]:
+        """What gaps are measured on, at the rate of the recordings."""
+        raise NotImplementedError
+
+    @property
     def unknown2(self) -> np.ndarray:
         """Mean square of the torque that has an unknown cause, over the scale's square [1], (n,)."""
         raise NotImplementedError
 
-    def times_floor(self) -> np.ndarray:
-        """What is left over the floor, (n,)."""
-        return np.asarray(self.stages.corrected / self.stages.floor)
+    @property
+    def states(self) -> tuple[State, ...]:
+        """All effects in each recording and span; none if all share a state."""
+        raise NotImplementedError
 
-    def replay(self) -> dict[str, Any]:
-        """Entries on the replay, of the gap before and after the findings, by ``gap``, ``before`` and ``after``."""
-        nothing: dict[str, Any] = {"replay_rmse": None, "replay_elsewhere": {}}
-        unknown: dict[str, Any] = {"replayed": None, "engine": None}
-        return {"gap": unknown, "before": nothing, "after": nothing}
+    @property
+    def floor(self) -> np.ndarray:
+        """RMS that a healthy arm leaves [N m], (n,)."""
+        return self.explained.floor
 
-    def effect_entry(self, name: str) -> dict[str, Any]:
-        """What a finding says beside what all say."""
-        return {}
+    @property
+    def presliding(self) -> np.ndarray:
+        """Distance over which dry friction builds up [rad], (n,)."""
+        return self.declared.presliding
 
-    def unknown_entry(self, joints: list[int]) -> dict[str, Any]:
-        """What is said of what is left."""
-        return {"predictable": [], "coupling": None}
+    @property
+    def replayed(self) -> ReplayGap:
+        """The replay gap before and after, if the case was replayed."""
+        return ReplayGap()
 
+    @property
+    def predictable(self) -> list[Predictable]:
+        """What can be predicted of the gap that is left, of each joint."""
+        return []
+
+    @property
     def coupling(self) -> UndeclaredCoupling | None:
-        """Two joints that seem to be turned by one motor."""
+        """Two joints that seem to be turned by one motor of which the case says nothing."""
         return None
+
+    @property
+    def rejected(self) -> bool:
+        """Whether an effect explains recordings and does not predict others."""
+        return False
 
     def doubt(self, reached: str) -> tuple[str, str]:
         """What makes the nominal arm another one than was recorded, and what to do first; empty if nothing does."""
@@ -128,58 +165,91 @@ class Document:
         """Effects that the search weighed and did not name."""
         return []
 
-    # What all say.
+    # Gaps.
 
-    def open_joints(self) -> list[int]:
-        """Joints, from 1, with something unknown."""
-        # zero where nothing is unknown
-        return [int(j) + 1 for j in np.flatnonzero(self.unknown2())]
+    @cached_property
+    def motion_rows(self) -> MotionRows:
+        """The rows on which the gap is measured, as what locates a gap takes them."""
+        rows, mine = self.judged_on, self.explained.rows
+        # rows hold no accelerations of their own
+        ddq = np.concatenate([rows.thin(s.motion.ddq, s) for s in rows.segments])
+        # a part of all segments may be looked at: these are counted from 0 again
+        numbers_of, segment = np.unique(rows.segment[mine], return_inverse=True)
+        own = [rows.segments[k] for k in numbers_of]
+        first = [rows.t[mine][segment == k][0] for k in range(len(own))]
+        return MotionRows(
+            t=rows.t[mine] - np.array(first)[segment],
+            q=rows.position[mine],
+            dq=rows.velocity[mine],
+            ddq=ddq[mine],
+            segment=segment,
+            # of the rows, which are thinned
+            rates=tuple(s.motion.rate / rows.step(s) for s in own),
+            names=tuple(s.recording for s in own),
+            starts=tuple(float(t) for t in first),
+        )
 
-    def knows_most(self) -> bool:
-        """Whether what is named explains more of the gap, and of that of each joint, than what is unknown."""
-        gap, unknown2 = self.stages, self.unknown2()
-        # a repaired fault explains all that it took away
-        before2 = np.maximum(gap.recorded, gap.repaired) ** 2
-        closed2 = np.clip(before2 - gap.corrected**2, 0.0, None)
-        most = unknown2.sum() <= closed2.sum()
-        return bool(most and (unknown2 <= closed2).all())
+    def gap(self, error: np.ndarray) -> TorqueGap:
+        """A gap on the rows that are judged, (M, n), as that of an arm."""
+        rows, mine = self.judged_on, self.explained.rows
+        measured = rows.torque[mine]
+        # a change of segment is an edge: spectra do not run across it
+        starts = np.flatnonzero(np.diff(rows.segment[mine])) + 1
+        edges = (0, *starts.tolist(), len(measured))
+        return TorqueGap(measured, measured - error, edges)
 
-    @property
-    def rejected(self) -> bool:
-        """Whether an effect explains recordings and does not predict others."""
-        return False
+    @cached_property
+    def gaps(self) -> dict[str, TorqueGap]:
+        """Gap before and after at the rate of the recordings, with the values fitted to all."""
+        arms = {"before": self.nominal, "after": self.corrected}
+        return {
+            stage: torque_gap(arm, self.body, self.segments)
+            for stage, arm in arms.items()
+        }
 
     @cached_property
     def stages(self) -> GapStages:
         """The gap at the stages of the diagnosis."""
-        known = self._known
+        known, faults = self.explained, self.prepared.faults
         repaired = known.nrmse(known.before)
-        faults = self._prepared.faults
         # the gap with all faults in it; without faults nothing was put right
         recorded = [f.gap_before for f in faults if f.gap_before is not None]
         return GapStages(
             recorded=recorded[0] if recorded else repaired,
             repaired=repaired,
             corrected=known.nrmse(known.after),
-            floor=self.floor() / known.scale,
+            floor=self.floor / known.scale,
         )
 
-    def floor(self) -> np.ndarray:
-        """RMS that a healthy arm leaves [N m], (n,)."""
-        return self._known.floor
+    @property
+    def times_floor(self) -> np.ndarray:
+        """What is left over the floor, (n,)."""
+        return np.asarray(self.stages.corrected / self.stages.floor)
+
+    def knows_most(self) -> bool:
+        """Whether what is named explains more of the gap, and of that of each joint, than what is unknown."""
+        gap, unknown2 = self.stages, self.unknown2
+        # a repaired fault explains all that it took away
+        before2 = np.maximum(gap.recorded, gap.repaired) ** 2
+        closed2 = np.clip(before2 - gap.corrected**2, 0.0, None)
+        most = unknown2.sum() <= closed2.sum()
+        return bool(most and (unknown2 <= closed2).all())
+
+    # The document.
 
     def content(self) -> dict[str, Any]:
         """The whole document."""
-        comparison, prepared = self._comparison, self._prepared
-        gap, joints = self.stages, self.open_joints()
-        found = [self._finding(name) for name in comparison.named]
-        found = with_torques_turned(_by_share(found), self.arm().n_joints)
+        prepared, gap = self.prepared, self.stages
+        # zero where nothing is unknown
+        joints = [int(j) + 1 for j in np.flatnonzero(self.unknown2)]
+        found, possible = (
+            sorted(map(self._finding, names), key=lambda finding: -finding["share"])
+            for names in (self.named, self.possible)
+        )
+        found = with_torques_turned(found, self.declared.n_joints)
         here = with_faults(found, prepared.faults, gap)
         # after the shares are one whole: another state has a gap of its own
-        effects = with_states(
-            here, prepared.states, comparison.terms, comparison.own_theta
-        )
-        possible = _by_share([self._finding(name) for name in comparison.possible])
+        effects = with_states(here, prepared.states, self.terms, self.own_theta)
         possible = [{**f, "settled_by": settled_by(f)} for f in possible]
         reached = self.reached
         # where the arm was compared nothing need have changed
@@ -188,6 +258,8 @@ class Document:
         # what stays on a joint is worth a recording only where the verdict says that it is unexplained
         unexplained = joints if reached == "unexplained" else []
         doubt, first = self.doubt(reached)
+        shared = prepared.states.found
+        coupling = self.coupling
         content = {
             "schema": 1,
             "case": prepared.case.name,
@@ -198,36 +270,70 @@ class Document:
             "effects": effects,
             "possible": possible,
             "changes": change_findings(self._changes),
-            **states_entry(prepared.states.found),
+            **({} if shared is None else {"states": states(shared)}),
             "closed": closed,
             "unexplained": {
                 "share": 0.0 if closed is None else 1.0 - closed,
                 "above_floor": bool(unexplained),
                 "joints": joints,
-                "times_floor": numbers(self.times_floor()),
-                "where": self.where("after", joints),
-                **self.unknown_entry(joints),
+                "times_floor": self.times_floor,
+                "where": self._where("after", joints),
+                "predictable": [
+                    p.document() for p in self.predictable if p.joint in joints
+                ],
+                "coupling": coupling and coupling.entry(),
             },
             "next_recording": suggested_recording(
-                reached, effects, possible, unexplained, self.coupling(), first
+                reached, effects, possible, unexplained, coupling, first
             ),
-            "where": self.where("before", self._widest_first()),
+            "where": self._where("before", self._widest_first()),
             **self.further(),
         }
         content |= self._context(reached)
         if first and not prepared.another_arm:
             content["warnings"].insert(0, f"{doubt}; {first}")
-        return with_slide_units(content, self.arm().sliding)
+        return with_slide_units(plain(content), self.declared.sliding)
+
+    def diagnosis(self, progress: Progress = silent) -> Diagnosis:
+        """The diagnosis: its findings, and the curves that a report draws."""
+        progress("replays a recording in the simulator")
+        content = self.content()
+        progress("writes the findings")
+        corrected, body, segments = self.corrected, self.body, self.segments
+
+        def effects(names: tuple[str, ...], section: str) -> tuple[AppliedEffect, ...]:
+            # faults of the set-up are among the findings, too, but are no part of the corrected arm
+            order = [finding["effect"] for finding in content[section]]
+            every = map(self.change, names)
+            return tuple(sorted(every, key=lambda effect: order.index(effect.name)))
+
+        named = effects(self.named, "effects")
+        return Diagnosis(
+            document=content,
+            effects=named,
+            traces=traces(self.gaps, segments),
+            # effects of a reference are no changes: not drawn
+            signatures=signatures(corrected, body, segments, {e.name for e in named}),
+            spectrum=spectrum(self.gaps["before"], self.gaps["after"], segments),
+            located=located(content, self.gaps, self.floor, segments),
+            possible=effects(self.possible, "possible"),
+            presliding=tuple(self.presliding.tolist()),
+            faults=self.prepared.faults,
+            arm=self.compared_with,
+            replayed=self.replayed.motion,
+            states=self.states,
+            case_file=self.prepared.case.file,
+        )
 
     @cached_property
     def _changes(self) -> list[Change]:
         """Changes during recordings, but those of a force from outside at a time at which an effect has one."""
-        out = list(self._prepared.changes)
-        for name in self._comparison.named:
-            applied = self._comparison.change(name)
+        out = list(self.prepared.changes)
+        for name in self.named:
+            applied = self.change(name)
             if not isinstance(applied.effect, External):
                 continue
-            times = self._comparison.findings[name][0].term.parametrisation.nonlinear
+            times = self.findings[name][0].term.parametrisation.nonlinear
             start, end = (float(applied.parameters[time]) for time in times)
             out = [
                 change
@@ -241,40 +347,69 @@ class Document:
     @cached_property
     def reached(self) -> Verdict:
         """The verdict."""
-        comparison, prepared = self._comparison, self._prepared
         # a fault or a change is a cause as well as an effect
-        found = comparison.named or prepared.faults or self._changes
-        return self._verdict(found=bool(found or prepared.states.others))
+        found = self.named or self.prepared.faults or self._changes
+        return self._verdict(found=bool(found or self.prepared.states.others))
 
     def _verdict(self, *, found: bool) -> Verdict:
         return verdict(
             found=found,
-            unknown=self._prepared.another_arm or not self.knows_most(),
+            unknown=self.prepared.another_arm or not self.knows_most(),
             rejected=self.rejected,
         )
 
     def _gap(self) -> dict[str, Any]:
-        gap, replay = self.stages, self.replay()
-        before = {"torque_nrmse": numbers(gap.recorded), **replay["before"]}
+        """The gap before and after, torque and replay, and what the arm's own repeats differ by."""
+        gap, replay, known = self.stages, self.replayed, self.explained
+        after = self.gap(known.after)
+        found = repeatability(after, self.motion_rows.rates, self.floor)
+        repeated = None
+        if found is not None:
+            nrmse = found.rms / known.scale
+            repeated = {
+                "torque_nrmse": nrmse,
+                "seconds": found.seconds,
+                "times": float(rms(after.nrmse) / rms(nrmse)),
+            }
+        before, after_all = (
+            {
+                "torque_nrmse": nrmse,
+                "replay_rmse": replayed,
+                "replay_elsewhere": {
+                    engine: gaps[stage] for engine, gaps in replay.elsewhere.items()
+                },
+            }
+            for stage, (nrmse, replayed) in enumerate(
+                ((gap.recorded, replay.before), (gap.corrected, replay.after))
+            )
+        )
         return {
-            **replay["gap"],
-            "before": {**before, "floor": numbers(gap.floor)},
-            "after": {"torque_nrmse": numbers(gap.corrected), **replay["after"]},
+            "replayed": replay.by,
+            "engine": replay.engine,
+            "repeatability": repeated,
+            "before": {**before, "floor": gap.floor},
+            "after": after_all,
         }
 
     def _finding(self, name: str) -> dict[str, Any]:
         """Evidence, values, gaps and places of a finding."""
-        comparison, known = self._comparison, self._known
-        mine, applied = comparison.findings[name], comparison.change(name)
-        own = np.asarray(sum(self._torque(one) for one in mine))
+        known, replay = self.explained, self.replayed
+        mine, applied = self.findings[name], self.change(name)
+        # of one that is not named, as it was fitted to all
+        own = np.asarray(
+            sum(
+                known.torque[one] if one in known.torque else self.torque_of(one)
+                for one in mine
+            )
+        )
         # the gap after holds what is named: it is put back to see the gap without it
-        in_model = name in comparison.named
+        in_model = name in self.named
         only = known.before - own
         without = known.after + own if in_model else known.after
         # what is only possible is judged as if it were there as well
         left = known.after if in_model else known.after - own
-        probability = comparison.probabilities[name]
-        alternatives = comparison.alternatives(name)
+        probability = self.probabilities[name]
+        alternatives = self.alternatives(name)
         # what it closes of the square in each row
         closed = np.sqrt(np.clip(without**2 - left**2, 0.0, None))
         closed_first, closed_last = (
@@ -282,17 +417,29 @@ class Document:
             for more, less in ((known.before, only), (without, left))
         )
         # an effect without joints is shown where it closes most
-        joints = list(applied.joints) or _most_closed(closed)
+        most = np.argsort(-(closed**2).sum(axis=0))[:2] + 1
+        joints = list(applied.joints) or most.tolist()
+        # the arm that it is compared with predicts the recorded torque less the gap before
+        load = self.judged_on.torque[known.rows] - known.before
         # one region for each joint: where this finding acts most
-        places = regions(closed, self._rows, self.load(), joints, most=1)
-        entry = {
+        places = regions(closed, self.motion_rows, load, joints, most=1)
+        gaps = {
+            key: {
+                "torque_nrmse": known.nrmse(gap),
+                "replay_rmse": replayed.get(name),
+            }
+            for key, gap, replayed in (
+                ("gap_with_only_this", only, replay.only),
+                ("gap_without_this", without, replay.without),
+            )
+        }
+        return {
             "effect": applied.name,
             "joints": list(applied.joints),
             "probability": probability,
             "set": names_of(applied.name, probability, alternatives),
-            "support": comparison.support(name),
-            "gap_with_only_this": {"torque_nrmse": numbers(known.nrmse(only))},
-            "gap_without_this": {"torque_nrmse": numbers(known.nrmse(without))},
+            "support": self.support(name),
+            **gaps,
             "where": [region_entry(region) for region in places],
             "alternatives": [
                 alternative_entry(applied.name, other)
@@ -300,59 +447,50 @@ class Document:
                 if other.probability > LISTED_ALTERNATIVE
             ],
             "carried_by": self._carried_by(closed),
-            "parameters": comparison.parameters(name),
+            "parameters": self.parameters(name),
             **share_entry(closed_first, closed_last, self.stages.whole),
             **self._significance(name),
+            **gravity_entry(applied, self.prepared.case.arm),
+            **at_middle_entry(applied, self.motion_rows.q),
         }
-        further = self.effect_entry(name)
-        # both have entries here: torque gaps above, replay gaps in what is further
-        for gap in ("gap_with_only_this", "gap_without_this"):
-            entry[gap] |= further.pop(gap, {})
-        return entry | further
-
-    def _torque(self, one: Candidate) -> np.ndarray:
-        """What a candidate does to the torque [N m], (M, n); of one that is not named, as it was fitted to all."""
-        if one in self._known.torque:
-            return self._known.torque[one]
-        return self._comparison.torque_of(one)
 
     def _significance(self, name: str) -> dict[str, Any]:
         """Evidence for a finding, and the share of false ones among those as sure."""
-        comparison, probabilities = self._comparison, self._comparison.probabilities
+        probabilities = self.probabilities
         as_sure = [
             1.0 - probabilities[other]
-            for other in comparison.findings
+            for other in self.findings
             if probabilities[other] >= probabilities[name]
         ]
         rate = float(np.mean(as_sure))
         return {
-            "log_e": comparison.log_odds(name),
+            "log_e": self.log_odds(name),
             "false_discovery_rate": rate,
             "confirmed": rate <= FALSE_DISCOVERY_RATE,
         }
 
     def _carried_by(self, closed: np.ndarray) -> dict[str, Any]:
         """Shares of the squares that a finding closes, over the noise: by joint, and by recording."""
-        comparison = self._comparison
         # noise is over the scale of the torque: back to (N m)^2
-        noise2 = comparison.fit.contrast.error.noise2 * comparison.rows.scale**2
+        noise2 = self.fit.contrast.error.noise2 * self.rows.scale**2
         nats = closed**2 / noise2
         total = max(float(nats.sum()), SMALLEST)
-        segments = self._rows.segment
+        segments = self.motion_rows.segment
         recordings: dict[str, float] = {}
-        for k, name in enumerate(self._rows.names):
+        for k, name in enumerate(self.motion_rows.names):
             share = float(nats[segments == k].sum()) / total
             # segments of one recording add up, rounding not beyond one
             recordings[name] = min(recordings.get(name, 0.0) + share, 1.0)
         return {
-            "joints": numbers(nats.sum(axis=0) / total),
+            "joints": nats.sum(axis=0) / total,
             "recordings": recordings,
         }
 
-    def where(self, stage: str, joints: list[int]) -> list[dict[str, Any]]:
+    def _where(self, stage: str, joints: list[int]) -> list[dict[str, Any]]:
         """Regions in which the gap ``before`` or ``after`` the findings is concentrated."""
-        error = self._known.before if stage == "before" else self._known.after
-        places = located(error, self._rows, self.load(), self.floor(), joints)
+        # at the rate of the recordings, not on the thinned rows of the search
+        error, load = self.gaps[stage].error, self.gaps["before"].predicted
+        places = regions_of(error, stack(self.segments), load, self.floor, joints)
         return [region_entry(region) for region in places]
 
     def _widest_first(self) -> list[int]:
@@ -364,24 +502,38 @@ class Document:
 
     def _context(self, reached: str) -> dict[str, Any]:
         """The arm, the recordings, how they were conditioned, and what was noticed."""
-        comparison, prepared = self._comparison, self._prepared
         # the warning is how a case says that its torque was worked out
-        case, told = prepared.case, prepared.told is not None
-        inferred = told or WARNING in case.warnings
+        prepared, case, arm = self.prepared, self.prepared.case, self.compared_with
+        inferred = prepared.told is not None or WARNING in case.warnings
+        judged_on = f"each motion, with the values fitted to {self.fitted_to}all others"
+        if self.set_aside:
+            judged_on = "recordings set aside for judging"
+        if inferred:
+            judged_on += (
+                "; the torque there is the one that the controller must have commanded"
+            )
         return {
-            "arm": arm_entry(self.arm()),
+            "arm": arm_entry(self.declared),
+            "nominal": {
+                "friction": {
+                    "source": arm.friction_source or None,
+                    "coulomb": arm.coulomb,
+                    "viscous": arm.viscous,
+                }
+            },
+            "presliding": self.presliding,
             "recordings": [
                 *(recording_entry(r, "fit") for r in case.recordings),
                 *(recording_entry(r, "judge") for r in case.judged),
             ],
             "conditioning": {
-                "rate": comparison.rows.segments[0].motion.rate,
+                "rate": self.segments[0].motion.rate,
                 "position_cutoff": prepared.position_cutoff,
                 "torque_cutoff": TORQUE_CUTOFF,
                 "how": "zero-phase Butterworth, order 4, on both sides; positions cut where their spectrum meets its "
                 f"noise; floor from {self.floor_from}",
             },
-            "judged_on": self._judged_on(inferred),
+            "judged_on": judged_on,
             "torque_from": "controller" if inferred else "recorded",
             "warnings": [
                 *case.warnings,
@@ -392,46 +544,3 @@ class Document:
             ],
             "considered": self.considered(),
         }
-
-    def _judged_on(self, inferred: bool) -> str:
-        """On which data the gaps are measured, in words."""
-        text = f"each motion, with the values fitted to {self.fitted_to}all others"
-        if self._comparison.set_aside:
-            text = "recordings set aside for judging"
-        if inferred:
-            text += (
-                "; the torque there is the one that the controller must have commanded"
-            )
-        return text
-
-
-def motion_rows(comparison: Comparison) -> MotionRows:
-    """The rows on which the gap is measured, as what locates a gap takes them."""
-    rows, mine = comparison.judged_on, comparison.explained.rows
-    # rows hold no accelerations of their own
-    ddq = np.concatenate([rows.thin(s.motion.ddq, s) for s in rows.segments])
-    # a part of all segments may be looked at: these are counted from 0 again
-    numbers_of, segment = np.unique(rows.segment[mine], return_inverse=True)
-    own = [rows.segments[k] for k in numbers_of]
-    first = [rows.t[mine][segment == k][0] for k in range(len(own))]
-    return MotionRows(
-        t=rows.t[mine] - np.array(first)[segment],
-        q=rows.position[mine],
-        dq=rows.velocity[mine],
-        ddq=ddq[mine],
-        segment=segment,
-        # of the rows, which are thinned
-        rates=tuple(s.motion.rate / rows.step(s) for s in own),
-        names=tuple(s.recording for s in own),
-        starts=tuple(float(t) for t in first),
-    )
-
-
-def _most_closed(closed: np.ndarray) -> list[int]:
-    """The two joints, from 1, on which most is closed."""
-    most = np.argsort(-(closed**2).sum(axis=0))[:2]
-    return [int(j) + 1 for j in most]
-
-
-def _by_share(findings: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    return sorted(findings, key=lambda finding: -finding["share"])

@@ -11,7 +11,7 @@ import numpy as np
 from gapscope.arm.display import effect_name, listing, percent
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.root_mean_square import SMALLEST
-from gapscope.diagnosis.agreement import DIFFERS, Agreement, states
+from gapscope.diagnosis.agreement import DIFFERS, Agreement
 from gapscope.diagnosis.comparison import (
     LONGER_RECORDING,
     NONE,
@@ -37,16 +37,6 @@ from gapscope.model.terms import Terms
 Finding = dict[str, Any]
 
 
-def numbers(values: np.ndarray) -> list[float]:
-    """One number per joint."""
-    return [float(value) for value in values]
-
-
-def known_numbers(values: np.ndarray | None) -> list[float] | None:
-    """One number per joint, or ``None`` if they are not known."""
-    return None if values is None else numbers(values)
-
-
 def region_entry(region: Region) -> dict[str, Any]:
     """A region as the document holds it."""
     return {
@@ -58,11 +48,6 @@ def region_entry(region: Region) -> dict[str, Any]:
         "enrichment": region.enrichment,
         **region.detail,
     }
-
-
-def states_entry(found: Agreement | None) -> dict[str, Any]:
-    """``states`` of the document: whether the recordings share a state; nothing if that was not asked."""
-    return {} if found is None else {"states": states(found)}
 
 
 # What a finding on an effect says beside its values.
@@ -87,7 +72,7 @@ def gravity_entry(applied: AppliedEffect, arm: NominalArm) -> dict[str, Any]:
     if not isinstance(effect, Turn):
         return {}
     angles = (float(np.ravel(applied.parameters[name])[0]) for name in effect.names)
-    return {"gravity": numbers(effect.rotation(*angles).T @ arm.gravity)}
+    return {"gravity": effect.rotation(*angles).T @ arm.gravity}
 
 
 def at_middle_entry(applied: AppliedEffect, q: np.ndarray) -> dict[str, Any]:
@@ -221,20 +206,15 @@ def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
         **({} if fault.log_odds is None else {"support": {"log_odds": fault.log_odds}}),
         **fault.document(),
         "share": float(np.clip(share, 0.0, 1.0)),
-        "gap_with_only_this": {"torque_nrmse": numbers(only)},
-        "gap_without_this": {"torque_nrmse": numbers(without)},
+        "gap_with_only_this": {"torque_nrmse": only},
+        "gap_without_this": {"torque_nrmse": without},
         "where": [],
-        "alternatives": _alternatives(fault),
+        "alternatives": [
+            _other_reading(other, probability)
+            for other, probability in fault.others
+            if probability >= LISTED_ALTERNATIVE
+        ],
     }
-
-
-def _alternatives(fault: FoundFault) -> list[dict[str, Any]]:
-    """What the fault may be instead; turned torques are turned gravity, but for what does not turn with gravity."""
-    return [
-        _other_reading(other, probability)
-        for other, probability in fault.others
-        if probability >= LISTED_ALTERNATIVE
-    ]
 
 
 WATCHED = (
@@ -366,8 +346,8 @@ def _parameters(
     return {
         parameter.name: {
             "unit": parameter.unit,
-            "value": applied.parameters[parameter.name].tolist(),
-            "std": np.sqrt(variances[parameter.name]).tolist(),
+            "value": applied.parameters[parameter.name],
+            "std": np.sqrt(variances[parameter.name]),
         }
         for parameter in map(applied.effect.parameter, applied.given)
     }
@@ -400,8 +380,8 @@ def _evidence(applied: AppliedEffect, state: OtherState, found: Agreement) -> Fi
         "effect": applied.name,
         # as sure as the surest of its joints
         "probability": max(1.0 - (line.p or 0.0) for line in differing),
-        "gap_with_only_this": {"torque_nrmse": numbers(only)},
-        "gap_without_this": {"torque_nrmse": numbers(without)},
+        "gap_with_only_this": {"torque_nrmse": only},
+        "gap_without_this": {"torque_nrmse": without},
         **share_entry(*closed, float(before.sum())),
         "where": [],
         "alternatives": [],

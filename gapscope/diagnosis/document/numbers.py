@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+AXES = "xyz"
+"""What three values of the arm or of a link are along."""
+
 
 class Number(NamedTuple):
     """One number of an effect on a joint, a link or the arm.
@@ -60,14 +63,14 @@ def numbers_of(entry: Mapping[str, Any]) -> Iterator[Number]:
         # joints that turn and that slide have a unit each
         units = parameter.get("units") or [parameter["unit"]] * len(values)
         # three values of the arm are x, y, z; of joints they are three joints
-        vector = not joints and len(values) == 3
+        vector = not joints and len(values) == len(AXES)
         for k, (value, std) in enumerate(zip(values, stds, strict=True)):
             yield Number(
                 effect,
                 joints[k] if joints else None,
                 link,
                 name,
-                "xyz"[k] if vector else "",
+                AXES[k] if vector else "",
                 units[k],
                 float(value),
                 float(std) if np.isfinite(std) else None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from gapscope.diagnosis.result import Located, Signature, Spectrum, Trace
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Transmission
-from gapscope.model.conditioning import Segment
+from gapscope.model.conditioning import MIN_FLOOR, Segment
 from gapscope.model.torque_gap import TorqueGap, torque_gap
 
 MAX_POINTS = 1500
@@ -47,32 +48,27 @@ def located(
     for stage in stages:
         worst = worst_joint(document, stage)
         if worst is not None:
-            places = locate(gaps[stage].error, rows, load, floor, [worst])
-            out += [Located(stage, place) for place in places]
+            gap, least = gaps[stage].error[:, worst - 1], float(floor[worst - 1])
+            out.append(Located(stage, locate(gap, rows, load, least, worst)))
     return tuple(out)
 
 
-def traces(
-    nominal: CorrectedArm,
-    corrected: CorrectedArm,
-    body: RigidBody,
-    segments: list[Segment],
-) -> tuple[Trace, ...]:
+def traces(gaps: Mapping[str, TorqueGap], segments: list[Segment]) -> tuple[Trace, ...]:
     """Measured, nominal and corrected torque of each segment."""
+    before, after = gaps["before"], gaps["after"]
     out = []
-    for segment in segments:
-        before = torque_gap(nominal, body, [segment])
-        after = torque_gap(corrected, body, [segment])
+    for segment, (start, end) in zip(segments, pairwise(before.edges), strict=True):
         # every so many-th row: the band of the gap allows that
-        step = max(1, len(before.measured) // MAX_POINTS)
+        shown = slice(start, end, max(1, (end - start) // MAX_POINTS))
+        own = slice(None, None, shown.step)
         out.append(
             Trace(
                 recording=segment.recording,
-                t=segment.motion.t[segment.inner][::step],
-                q=segment.motion.q[segment.inner][::step],
-                measured=before.measured[::step],
-                nominal=before.predicted[::step],
-                corrected=after.predicted[::step],
+                t=segment.motion.t[segment.inner][own],
+                q=segment.motion.q[segment.inner][own],
+                measured=before.measured[shown],
+                nominal=before.predicted[shown],
+                corrected=after.predicted[shown],
             )
         )
     return tuple(out)
@@ -89,15 +85,15 @@ def signatures(
     corrected: CorrectedArm,
     body: RigidBody,
     segments: list[Segment],
-    shown: Collection[str] | None = None,
+    shown: Collection[str],
 ) -> tuple[Signature, ...]:
-    """For each effect, or those shown, on up to seven joints, the gap without it over the quantity that drives it."""
+    """For each effect shown, on up to seven joints, the gap without it over the quantity that drives it."""
     full = torque_gap(corrected, body, segments)
     rows = stack(segments)
     step = max(1, len(rows.t) // MAX_POINTS)
     out = []
     for applied in corrected.effects:
-        if shown is not None and applied.name not in shown:
+        if applied.name not in shown:
             continue
         others = tuple(e for e in corrected.effects if e is not applied)
         # with all others in place: what overlaps is theirs
@@ -130,7 +126,8 @@ def _joints(applied: AppliedEffect, explained: np.ndarray, gap: TorqueGap) -> li
         return list(applied.joints[:7])
     rms = np.sqrt((explained**2).mean(axis=0))
     # over what each torque varies by, or the strongest joints would always be shown
-    relative = rms / np.maximum(gap.measured.std(axis=0), 1e-9)
+    relative = rms / np.maximum(gap.measured.std(axis=0), MIN_FLOOR)
+
     return sorted(int(j) + 1 for j in np.argsort(-relative)[:3])
 
 

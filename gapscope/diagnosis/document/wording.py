@@ -21,6 +21,7 @@ from gapscope.arm.display import (
 )
 from gapscope.arm.joint_units import SLIDING_UNITS, common_unit, joint_unit, units_of
 from gapscope.arm.root_mean_square import rms
+from gapscope.diagnosis.document.numbers import AXES
 from gapscope.diagnosis.thresholds import (
     HEALTHY_REAL,
     INERTIAL_ERROR,
@@ -392,7 +393,7 @@ def _labels(effect: Mapping[str, Any], count: int) -> list[str]:
     letter = "M" if effect["effect"] in COUPLED_MOTORS else "J"
     if effect["joints"]:
         return [f"{letter}{joint}" for joint in effect["joints"]]
-    return list("xyz") if count == 3 else [""] * count
+    return list(AXES) if count == len(AXES) else [""] * count
 
 
 # A diagnosis in sentences: the main cause, its share and what stays; what is possible; what is unexplained.

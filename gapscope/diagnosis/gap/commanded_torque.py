@@ -15,7 +15,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter
-from gapscope.diagnosis.thresholds import MIN_INTEGRATOR_MISFIT
+from gapscope.diagnosis.thresholds import STICKING_SPEED
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.conditioning import (
@@ -26,7 +26,9 @@ from gapscope.model.conditioning import (
     pieces,
     torque_scale,
 )
+from gapscope.model.design import ROUNDS
 from gapscope.model.effective_samples import motion_samples
+from gapscope.model.equations import MIN_NOISE
 from gapscope.model.readings import (
     FAULT_SAMPLES,
     FAULT_SIGN_WIDTH,
@@ -46,10 +48,6 @@ from gapscope.model.readings import (
 # links. Friction and theta are common to all stretches of a case. Which X there is, if any, is chosen by the Bayesian
 # information criterion over independent samples: free columns that nothing asks for would shift the constants, which
 # gravity resembles. What an arm has beyond all that stays in the constants. Source: schwarz1978.
-
-
-FITS = 3
-"""Fits of one choice of columns, each with the weights that the one before it left."""
 
 
 def integrator_starts(
@@ -82,14 +80,15 @@ def integrator_starts(
     for choice in (links[:0], load, tilt, scales, links):
         used = np.concatenate([friction, choice])
         own, size, misfit = gram[:, used][:, :, used], len(used), scale
-        for _ in range(FITS):
+        # each fit with the weights that the one before it left
+        for _ in range(ROUNDS):
             # columns have the size of what may ordinarily be: a unit prior
             weight = misfit**-2.0
             normal = np.tensordot(weight, own, 1) + np.eye(size)
             theta = np.linalg.solve(normal, weight @ cross[:, used])
             left = square + ((own @ theta) - 2 * cross[:, used]) @ theta
             rms = np.sqrt(np.maximum(left, 0.0) / len(y))
-            misfit = np.maximum(rms, MIN_INTEGRATOR_MISFIT * scale)
+            misfit = np.maximum(rms, MIN_NOISE * scale)
         criterion = 2 * independent * np.log(misfit).sum() + size * np.log(independent)
         if criterion < least:
             least = criterion
@@ -115,7 +114,7 @@ def _rows(
     nominal = CorrectedArm(arm).predict(segment.bodies(body), motion)
     scale, each = torque_scale(nominal), np.eye(arm.n_joints)
     sign = np.tanh(dq / FAULT_SIGN_WIDTH)
-    speed = np.maximum(np.abs(dq).max(axis=0), 1e-3)
+    speed = np.maximum(np.abs(dq).max(axis=0), STICKING_SPEED)
     # a column per joint that acts on that joint alone
     coulomb, viscous, scales = (
         series[:, :, None] * each
@@ -203,7 +202,7 @@ def with_likelier_rule(case: Case, effects: tuple[AppliedEffect, ...]) -> Case |
         / case.controller.velocity_gain[joints]
     )
     shift = float(np.median(half_ticks))
-    if not 0.5 < abs(shift) < 1.5:
+    if round(abs(shift)) != 1:
         return None
     return filled(case, "semi_implicit" if shift > 0 else "backward")
 

@@ -15,11 +15,11 @@ from gapscope.diagnosis.thresholds import (
     EXAMINED,
     LARGEST_POSITION,
     LARGEST_TORQUE,
-    LONE_OF_OTHERS,
     LONE_POSITION,
     LONE_SAMPLES,
     LONG_RECORDINGS,
     MIN_MOTION,
+    MIN_MOTION_SHARE,
     MIN_UNCHANGED,
     MIN_WINDOW,
     MOVING_TORQUE,
@@ -126,7 +126,8 @@ def _check_lone_positions(recording: Recording) -> None:
     span = high - low
     beyond = np.maximum(series - high, low - series)
     # one that stands still has no span: then a share of the widest joint's
-    allowed = LONE_POSITION * np.maximum(span, LONE_OF_OTHERS * span.max())
+    allowed = LONE_POSITION * np.maximum(span, MIN_MOTION_SHARE * span.max())
+
     if not (beyond > allowed).any() or not span.max():
         return
     row, joint = np.unravel_index((beyond - allowed).argmax(), series.shape)

@@ -24,6 +24,7 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.thresholds import (
     FRICTION_FORM,
+    HEALTHY_TORQUE,
     INERTIAL_ERROR,
     VISIBLE_EFFECT,
     VISIBLE_TERM,
@@ -64,10 +65,8 @@ ERRORS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Errors of the nominal inertials, over their own size [1]. (physical)"""
 WORSE = 2.0
 """Factor by which they may be larger than a good data sheet's [1]. (hand)"""
-HEALTHY_TORQUE = VISIBLE_EFFECT / 3
-"""What a healthy arm has of an effect, in RMS torque over the joint's scale [1]: three of these are worth a name."""
 HEALTHY_SHARE = 0.05
-"""The same over the size that is usual where it is an effect, at most [1]. (hand)"""
+"""What a healthy arm has of an effect over the size that is usual where it is an effect, at most [1]. (hand)"""
 LOAD_RADIUS = 0.1
 """Radius within which the mass of a load or of a changed link may lie about its centre [m]. (physical)"""
 LOAD_SIZE = 3.0

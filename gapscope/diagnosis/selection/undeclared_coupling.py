@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,15 @@ class UndeclaredCoupling:
     def declaration(self) -> dict[str, float]:
         """The entry of ``nominal.coupling`` that declares it."""
         return {"motor": self.motor, "joint": self.joint, "ratio": self.ratio}
+
+    def entry(self) -> dict[str, Any]:
+        """The entry ``coupling`` of a document."""
+        joints = [self.joint, self.motor]
+        return {
+            "joints": joints,
+            "declare": self.declaration,
+            "log_evidence": self.gain,
+        }
 
 
 def undeclared_coupling(

@@ -13,6 +13,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.layouts import UNITS
 from gapscope.arm.io.plausibility import (
     LEFT_OUT,
     REPEATED,
@@ -73,9 +74,9 @@ from gapscope.model.readings import (
 
 
 VELOCITY_UNITS = {
-    180 / np.pi: "positions in rad with velocities in deg/s",
-    np.pi / 180: "positions in deg with velocities in rad/s",
-    30 / np.pi: "positions in rad with velocities in rpm",
+    1 / UNITS["deg/s"]: "positions in rad with velocities in deg/s",
+    UNITS["deg"]: "positions in deg with velocities in rad/s",
+    1 / UNITS["rpm"]: "positions in rad with velocities in rpm",
 }
 """Velocities over what positions change by per second, of units that do not fit together [1]."""
 

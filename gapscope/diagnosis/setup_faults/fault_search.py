@@ -53,8 +53,6 @@ from gapscope.model.readings import UNUSUAL, ReadingScorer, sample
 
 CURVED = 0.02
 """Step over which the curvature is taken."""
-SHRINK = 2.5
-"""Factor by which the step shrinks when no value moves."""
 
 Build = Callable[[np.ndarray], Fault]
 """A candidate from its values, or their logarithms."""
@@ -187,7 +185,7 @@ class _PatternSearch:
                         x, least, moved = trial, cost, True
                         break
             if not moved:
-                step /= SHRINK
+                step /= 2
         return x
 
     def deviation(self, x: np.ndarray) -> np.ndarray:

@@ -55,7 +55,7 @@ from gapscope.effects.setup_faults import (
     Values,
     VelocityOfReference,
 )
-from gapscope.model.conditioning import TORQUE_CUTOFF, condition, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, condition, low_pass
 from gapscope.model.readings import FAULT_SIGN_WIDTH
 
 # What a control law is compared on: sums of products of tracking errors, motion and torque of each joint, over rows to
@@ -161,6 +161,45 @@ def law_sums(case: Case) -> LawSums | None:
     )
 
 
+def late_references(
+    recording: Recording, times: np.ndarray, delay: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Reference positions [rad] and velocities [rad/s] that take effect at times [s] if they are late."""
+    late = np.maximum(times - delay, recording.t[0])
+    q_ref, dq_ref = (
+        make_interp_spline(recording.t, series, k=1)(late)
+        for series in references(recording, "controller")
+    )
+    return q_ref, dq_ref
+
+
+References = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Positions [rad], velocities [rad/s] and accelerations [rad/s^2] of references, (N, n) each."""
+
+
+def law_motion(
+    recording: Recording, segment: Segment, delay: float = 0.0, behind: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, References]:
+    """Position errors [rad] and velocities [rad/s] that a controller sees, (N, n), and its references.
+
+    Args:
+        recording: with references.
+        segment: of it.
+        delay: by which commands take effect late [s].
+        behind: by which a velocity that was not recorded comes late, behind the controller's filter [s].
+    """
+    t, motion = recording.t, segment.motion
+    q_ref, dq_ref = late_references(recording, motion.t, delay)
+    error = q_ref - make_interp_spline(t, recording.q, k=1)(motion.t)
+    seen = np.maximum(motion.t - behind, motion.t[0])
+    dq = make_interp_spline(motion.t, motion.dq, k=1)(seen)
+    if recording.dq is not None:
+        dq = make_interp_spline(t, recording.dq, k=1)(motion.t)
+    # finite differences of a log at 100 Hz lose some per cent of a fast reference's acceleration
+    ddq_ref = make_interp_spline(motion.t, dq_ref, k=5)(motion.t, 1)
+    return error, dq, (q_ref, dq_ref, ddq_ref)
+
+
 def _series(
     case: Case, body: RigidBody, recording: Recording, recorded: bool
 ) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -168,22 +207,13 @@ def _series(
 
     A velocity that was not recorded is that of the positions a delay of the controller's filter ago, 2 zeta / w.
     """
-    q_ref, dq_ref = references(recording, "controller")
-    dq, delay, controller = recording.dq, 0.0, case.controller
-    if dq is None:
-        dq = np.gradient(recording.q, recording.t, axis=0)
-        if controller is not None and controller.velocity_cutoff is not None:
-            delay = controller.velocity_damping / (np.pi * controller.velocity_cutoff)
-    # behind the filter of the controller a velocity comes later
-    splines = (
-        make_interp_spline(recording.t - late, x, k=1)
-        for x, late in ((q_ref, 0.0), (dq_ref, 0.0), (recording.q, 0.0), (dq, -delay))
-    )
-    on_log = list(splines)
+    behind, controller = 0.0, case.controller
+    if controller is not None and controller.velocity_cutoff is not None:
+        behind = controller.velocity_damping / (np.pi * controller.velocity_cutoff)
     out = []
     for segment in condition(recording):
         motion = segment.motion
-        q_ref, dq_ref, q, dq = (spline(motion.t) for spline in on_log)
+        error, dq, planned = law_motion(recording, segment, behind=behind)
         needed = CorrectedArm(case.arm).predict(body.carrying(segment.payload), motion)
         torque = needed if segment.torque is None or not recorded else segment.torque
         limit, free = case.arm.torque_limit, np.ones_like(torque, dtype=bool)
@@ -192,16 +222,14 @@ def _series(
             free = np.abs(torque) < CLIPPED * limit
         fed, gravity = np.zeros_like(torque), np.zeros((*torque.shape, 3))
         if isinstance(controller, PD):
-            # finite differences of a log at 100 Hz lose some per cent of a fast reference's acceleration
-            ddq_ref = make_interp_spline(motion.t, dq_ref, k=5)(motion.t, 1)
             kind = controller.feedforward
-            fed = feedforward(case.arm, body, kind, q_ref, dq_ref, ddq_ref)
+            fed = feedforward(case.arm, body, kind, *planned)
             if kind != "none":
-                gravity = body.gravity_regressor(q_ref)
+                gravity = body.gravity_regressor(planned[0])
         inner = segment.inner
         error, rate, slow, torque, fed, needed, gravity = (
             low_pass(x, motion.rate, TORQUE_CUTOFF)[inner]
-            for x in (q_ref - q, dq_ref - dq, dq, torque, fed, needed, gravity)
+            for x in (error, planned[1] - dq, dq, torque, fed, needed, gravity)
         )
         one = np.ones_like(error)
         dry = np.tanh(slow / FAULT_SIGN_WIDTH)

@@ -42,14 +42,6 @@ def rubbing() -> Diagnosis:
     return diagnose(sensed.case(Truth(coulomb=(0.0, 2.0, 0.0)), duration=6.0))
 
 
-def test_every_effect_has_a_side() -> None:
-    assert {effect.side for effect in CATALOGUE.values()} == {
-        "actuator",
-        "link",
-        "both",
-    }
-
-
 @pytest.mark.parametrize("name", sorted(set(CATALOGUE) - {"encoder_quantization"}))
 def test_the_side_is_that_of_the_torque_behind_the_gear(name: str) -> None:
     """Effects of the link side, or of both, change the torque behind the gear; the others leave it as it is."""

@@ -9,9 +9,6 @@ import pytest
 from gapscope.diagnosis.assessment.unknown import (
     Predictable,
     Unknown,
-    Variable,
-    curve_of,
-    predict_oscillation,
     unknown,
 )
 from gapscope.diagnosis.document.diagnosis_json import validate
@@ -214,18 +211,6 @@ def test_one_recording_is_judged_on_its_halves() -> None:
     assert found(0.6 * np.sin(3.0 * at.q[:, 0]), at).by["position"] > 0.7
 
 
-def test_it_is_the_same_every_time() -> None:
-    at = rows()
-    gap = TorqueGap(
-        np.random.default_rng(0).standard_normal(at.q.shape),
-        20.0 * np.cos(at.q),
-        (0, len(at.t)),
-    )
-    trust, scale = np.ones_like(gap.measured), np.ones(3)
-    first, again = (unknown(gap, at, trust, scale).predictable for _ in range(2))
-    assert [p.document() for p in first] == [p.document() for p in again]
-
-
 def test_it_is_in_the_document_and_in_the_report(tmp_path) -> None:
     at, document = rows(), documents.unexplained()
     entry = found(CAUSES["position"](at), at).document()
@@ -239,19 +224,3 @@ def test_it_is_in_the_document_and_in_the_report(tmp_path) -> None:
         and 'data-guess="0"' in html
         and "Its position alone" in html
     )
-
-
-def test_a_variable_that_stands_still_has_a_curve() -> None:
-    still = Variable("position", "rad", np.full(30, 2.0))
-    assert still.knots.tolist() == [1.0, 3.0]
-    assert np.isfinite(curve_of(still, np.ones(30), np.ones(30)).y).all()
-
-
-T = np.arange(0.0, 20.0, 0.02)
-SEGMENT = np.zeros(len(T), dtype=int)
-
-
-def test_a_recording_without_a_rest_is_predicted_as_zero() -> None:
-    gap = np.sin(2 * np.pi * 3.0 * T)
-    ones = np.ones((len(T), 1))
-    assert not predict_oscillation(T, gap[:, None], ones, SEGMENT, SEGMENT).any()

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.json_file import plain
 from gapscope.diagnosis.document.diagnosis_json import validate, write_document
 from gapscope.diagnosis.document.findings import (
     GapStages,
@@ -21,7 +20,7 @@ from gapscope.diagnosis.document.findings import (
     with_faults,
     with_torques_turned,
 )
-from gapscope.diagnosis.document.wording import pulled_texts, verdict
+from gapscope.diagnosis.document.wording import pulled_texts
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, TurnedBase
 from gapscope.effects.setup_faults import SignFlip
 
@@ -118,16 +117,6 @@ def test_round_trip(tmp_path: Path) -> None:
         == document
     )
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["diagnosis.json"]
-
-
-def test_numpy_values_and_tuples_are_written_as_plain_ones(tmp_path: Path) -> None:
-    document = documents.two_effects()
-    document["gap"]["after"]["torque_nrmse"] = np.array(documents.AFTER)
-    document["effects"][0]["joints"] = (np.int64(4), np.int64(5))
-    write_document(document, tmp_path / "diagnosis.json")
-    assert json.loads(
-        (tmp_path / "diagnosis.json").read_text(encoding="utf-8")
-    ) == plain(document)
 
 
 def test_a_document_that_is_not_valid_leaves_the_old_file(tmp_path: Path) -> None:
@@ -289,18 +278,6 @@ def test_a_case_that_is_misread_is_corrected_first() -> None:
     line = "say in the case gravity: [0.0, 9.81, 0.0]"
     text = suggested_recording("unexplained", [], [], [2], first=line)
     assert text == f"none yet: first {line}, and diagnose again"
-
-
-# The verdict as a truth table over all combinations of its three facts.
-
-
-@pytest.mark.parametrize("found", [True, False])
-@pytest.mark.parametrize("unknown", [True, False])
-@pytest.mark.parametrize("rejected", [True, False])
-def test_verdict(found: bool, unknown: bool, rejected: bool) -> None:
-    expected = "effects_found" if found else "unexplained" if rejected else "no_gap"
-    reached = verdict(found=found, unknown=unknown, rejected=rejected)
-    assert reached == ("unexplained" if unknown else expected)
 
 
 # Findings in words: values that the noise of the encoders pulled.

@@ -11,7 +11,7 @@ from arms import iiwa_of_three
 from cases import changed_during
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.diagnose import SheetComparison, diagnosis_of, examine
+from gapscope.diagnosis.diagnose import SheetComparison, examine
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.plausible_data import up_to_changes
 from gapscope.effects.applied import AppliedEffect
@@ -85,7 +85,7 @@ def test_the_longest_part_remains_if_all_change_at_once(
 def test_a_diagnosis_names_the_changes_and_no_effect(
     examined: SheetComparison,
 ) -> None:
-    found = diagnosis_of(examined)
+    found = examined.diagnosis()
     document = found.document
     validate(document)
     changes = {change["recording"]: change for change in document["changes"]}

@@ -34,8 +34,7 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.mystery_arm import iiwa
-from gapscope.model.conditioning import condition, low_pass, pieces
-from gapscope.model.torque_gap import torque_gap
+from gapscope.model.conditioning import low_pass, pieces
 
 ARM = NominalArm("two", Path("robot.urdf"), ("shoulder", "elbow"))
 T = np.arange(600) / 100
@@ -242,15 +241,6 @@ def test_of_the_recording_only_t_and_q_are_used() -> None:
     assert np.abs(moved - reference).max() > 0.1
 
 
-def test_agrees_with_the_prediction_of_the_gap() -> None:
-    """At one cut-off both are the same series."""
-    r = recorded(Truth(coulomb=(0.0, 2.0, 0.0)))
-    segments, arm = condition(r), corrected(COULOMB, DELAY, PAYLOAD)
-    gap = torque_gap(arm, synthetic.body(), segments)
-    predicted = low_pass(predict_torque(arm, r), 250.0, 12.0)[segments[0].inner]
-    np.testing.assert_allclose(predicted, gap.predicted, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("rate", "jitter", "close"), [(500.0, 0.0, 0.02), (250.0, 0.3, 0.08)]
 )
@@ -264,13 +254,6 @@ def test_agrees_on_a_fast_log_and_on_jittered_stamps(
     expected = synthetic.needed(Truth(), motion, t)
     assert np.isfinite(predicted).all()
     assert (rms(predicted - expected, rate) < close * expected.std(axis=0)).all()
-
-
-def test_repeated_time_stamps_give_repeated_rows() -> None:
-    r, arm = recorded(), corrected(COULOMB)
-    keep = np.sort(np.r_[np.arange(len(r.t)), [10, 10, 700, len(r.t) - 1]])
-    whole, repeated = predict_torque(arm, only(r)), predict_torque(arm, only(r, keep))
-    np.testing.assert_allclose(repeated, whole[keep], atol=1e-9)
 
 
 def test_on_both_sides_of_a_gap() -> None:
@@ -299,9 +282,3 @@ def test_recording_too_short_to_differentiate(rows: int) -> None:
         corrected(COULOMB, DELAY, PAYLOAD), only(recorded(), slice(0, rows))
     )
     assert predicted.shape == (rows, 3) and np.isfinite(predicted).all()
-
-
-def test_all_rows_of_one_instant() -> None:
-    r = only(recorded(), np.zeros(5, dtype=int))
-    predicted = predict_torque(corrected(DELAY), r)
-    np.testing.assert_allclose(predicted, standing(r.q), atol=1e-9)

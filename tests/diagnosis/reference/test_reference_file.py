@@ -146,14 +146,6 @@ def test_what_is_not_whole_is_refused_with_file_field_and_remedy(
     assert error.value.remedy
 
 
-def test_arrays_of_another_reference_are_refused(tmp_path):
-    write_reference(reference(), tmp_path / "one")
-    write_reference(reference(recordings=(recording("c.csv", 30),)), tmp_path / "two")
-    (tmp_path / "two" / "reference.npz").replace(tmp_path / "one" / "reference.npz")
-    with pytest.raises(InputError, match=r"reference\.npz.*is not the file"):
-        read_reference(tmp_path / "one")
-
-
 def test_a_case_is_told_from_an_identified_reference(tmp_path):
     write_reference(reference(), tmp_path / "out" / "identified")
     assert identified_folder(tmp_path / "out") == tmp_path / "out" / "identified"

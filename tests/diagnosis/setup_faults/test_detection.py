@@ -181,10 +181,6 @@ def test_a_unit_of_torque_is_a_power_of_ten(unit: float) -> None:
     assert found.fault.values()["factor"] == (unit,) * 3
 
 
-EXACT = ("torque", "position", "joint", "degrees", "revolutions", "milliseconds")
-"""Variants that are put right to the last digits."""
-
-
 @pytest.mark.parametrize("label", labels(FAULTS))
 def test_fault_is_found_and_put_right(label: str) -> None:
     case = sound("healthy")
@@ -199,12 +195,6 @@ def test_fault_is_found_and_put_right(label: str) -> None:
         "gaps",
     ):  # what was lost stays lost, and what was written twice is still told
         assert find_setup_faults(right) == ()
-    if variant in EXACT:
-        for given, kept in zip(right.recordings, case.recordings, strict=True):
-            for channel in ("t", "q", "tau"):
-                np.testing.assert_allclose(
-                    getattr(given, channel), getattr(kept, channel), rtol=1e-9
-                )
     if found.gap_before is not None and variant not in ("repeats", "jitter", "gaps"):
         assert (
             found.gap_after is not None
