@@ -88,7 +88,7 @@ def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
     for search in (
         _milliseconds,
         partial(_above, "repeats", repeats, NAMED_REPEATS),
-        find_jitter,
+        partial(_above, "jitter", jitter, NAMED_JITTER),
         partial(_above, "gaps", lost, NAMED_LOST),
         _wrong_rate,
     ):
@@ -108,11 +108,6 @@ def _milliseconds(recordings: tuple[Recording, ...]) -> FoundFault | None:
         return None
     fault = UnitMismatch("milliseconds")
     return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY, recordings=names)
-
-
-def find_jitter(recordings: tuple[Recording, ...]) -> FoundFault | None:
-    """Stamps that jitter while the samples do not; ``None`` if no recording has them."""
-    return _above("jitter", jitter, NAMED_JITTER, recordings)
 
 
 def _above(

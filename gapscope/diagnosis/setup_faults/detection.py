@@ -19,7 +19,6 @@ from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.gap.plausible_data import check_rates, select_windows
 from gapscope.diagnosis.setup_faults.clocks import (
-    find_jitter,
     find_stamps,
     find_torque_clock,
 )
@@ -51,15 +50,8 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
     """
     if not case.recordings:
         return ()
-    # stamps first: every filter and derivative rests on them
-    stamps = find_stamps((*case.recordings, *case.judged))
+    stamps = _of_time(case)
     even = repaired(case, stamps)
-    check_rates(even)
-    # then one clock: the search compares motion and torque row by row
-    clock = find_torque_clock(select_windows(even))
-    if clock is not None:
-        stamps = (*stamps, clock)
-        even = repaired(case, stamps)
     shown = faults_by_torque(select_windows(even))
     # gaps are those of the case as it was read, stamps included
     return _with_gaps(select_windows(case), merged((*stamps, *shown)))
@@ -90,10 +82,17 @@ def on_one_clock(case: Case) -> Case:
 
     What is compared row by row, such as a control law with its torque, asks for that before other faults are known.
     """
-    jitter = find_jitter((*case.recordings, *case.judged))
-    even = case if jitter is None else repaired(case, (jitter,))
+    return repaired(case, _of_time(case)) if case.recordings else case
+
+
+def _of_time(case: Case) -> tuple[FoundFault, ...]:
+    """Faults of the stamps, on which every filter and derivative rests, then of the clock of the torque."""
+    stamps = find_stamps((*case.recordings, *case.judged))
+    even = repaired(case, stamps)
+    check_rates(even)
+    # the search compares motion and torque row by row
     clock = find_torque_clock(select_windows(even))
-    return even if clock is None else repaired(even, (clock,))
+    return stamps if clock is None else (*stamps, clock)
 
 
 def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, ...]:
