@@ -144,7 +144,9 @@ class SheetComparison(Document):
         gaps = (known.after, known.after - known.errors)
         closed = [known.visible(left + own) - known.visible(left) for left in gaps]
         # what it opens on others counts against what it closes on one
-        return float(max(min(some.max(), some.sum()) for some in closed))
+        plain, beside = (float(min(some.max(), some.sum())) for some in closed)
+        # what closes nothing by itself is no finding, whatever errors do beside it
+        return max(plain, beside) if plain > 0 else plain
 
     @cached_property
     def explained(self) -> Explained:

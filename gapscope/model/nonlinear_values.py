@@ -186,7 +186,7 @@ class Scanner:
                 return None
             x = self._columns_of(term, values, known)
             gain = self._gains(term, own, others, x, values)
-            best = int(np.argmax(gain))
+            best = _likeliest(gain, inside=term.definition.limits and known is None)
             at_end = known is not None and best in (0, len(values) - 1)
             # what is best at the end of the values about a known one may be better beyond
             if not at_end or gain[best] <= most:
@@ -458,6 +458,17 @@ def _spread(values: np.ndarray, best: float, gain: np.ndarray) -> float:
     step = np.diff(np.unique(values))
     least = float(step.min()) / np.sqrt(12.0) if len(step) else 0.0
     return float(np.hypot(np.sqrt(weight @ (values - best) ** 2), least))
+
+
+def _likeliest(gain: np.ndarray, *, inside: bool) -> int:
+    """Place of the largest gain; of the largest peak inside if one is asked for and there is any.
+
+    What is possible of limits ends where they would cut off more: a gain that rises up to there is no peak.
+    """
+    peaks = 1 + np.flatnonzero((gain[1:-1] > gain[:-2]) & (gain[1:-1] >= gain[2:]))
+    if not inside or not len(peaks):
+        return int(np.argmax(gain))
+    return int(peaks[np.argmax(gain[peaks])])
 
 
 def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:
