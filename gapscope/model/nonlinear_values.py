@@ -11,6 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
@@ -461,14 +462,14 @@ def _spread(values: np.ndarray, best: float, gain: np.ndarray) -> float:
 
 
 def _likeliest(gain: np.ndarray, *, inside: bool) -> int:
-    """Place of the largest gain; of the largest peak inside if one is asked for and there is any.
+    """Place of the largest gain; of the peak inside that stands out most, if one is asked for and there is any.
 
     What is possible of limits ends where they would cut off more: a gain that rises up to there is no peak.
     """
-    peaks = 1 + np.flatnonzero((gain[1:-1] > gain[:-2]) & (gain[1:-1] >= gain[2:]))
+    peaks, heights = find_peaks(gain, prominence=0.0)
     if not inside or not len(peaks):
         return int(np.argmax(gain))
-    return int(peaks[np.argmax(gain[peaks])])
+    return int(peaks[np.argmax(heights["prominences"])])
 
 
 def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:
