@@ -452,19 +452,13 @@ class SummaryLine(NamedTuple):
     def plain(self) -> dict[str, Any]:
         """As JSON data."""
         # Wilson's interval says something even if none of a few runs diverged
-        low, high = binomtest(self.diverged, self.episodes).proportion_ci(
-            method="wilson"
-        )
-        means = {name: mean._asdict() for name, mean in self.means.items()}
-        return {
-            "model": self.model,
-            "engine": self.engine,
-            "disturbance": self.disturbance,
-            "episodes": self.episodes,
-            "diverged": {"count": self.diverged, "low": low, "high": high},
-            **plain(means, null_if_not_finite=True),
-            "margin": self.margin,
-        }
+        test = binomtest(self.diverged, self.episodes)
+        low, high = test.proportion_ci(method="wilson")
+        content = self._asdict()
+        content["diverged"] = {"count": self.diverged, "low": low, "high": high}
+        means = content.pop("means").items()
+        content |= {name: mean._asdict() for name, mean in means}
+        return dict(plain(content, null_if_not_finite=True))
 
 
 def summarise(evaluation: Evaluation) -> list[SummaryLine]:

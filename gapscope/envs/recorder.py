@@ -41,6 +41,7 @@ from gapscope.envs.arguments import check_values
 from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.position_controller import SAFE, SampledLoop, position_controller
 from gapscope.envs.simulated_arm import SimulatedArm, closed_loop, diverged, fastest
+from gapscope.model.conditioning import torque_scale
 
 RECENT_TICKS, POSTURE_TICKS = 1000, 50
 """Ticks before a divergence from which the postures are taken that may explain it, and from one to the next."""
@@ -353,13 +354,9 @@ def record_case(
                 stacklevel=2,
             )
         # a joint that hardly carries anything has noise all the same
-        spread = recording.tau.std(axis=0)
-        noise = (
-            plan.noise
-            * np.maximum(spread, 0.05 * spread.max())
-            * rng.standard_normal(recording.tau.shape)
-        )
-        recordings.append(replace(recording, tau=recording.tau + noise))
+        tau, size = recording.tau, plan.noise * torque_scale(recording.tau)
+        noise = size * rng.standard_normal(tau.shape)
+        recordings.append(replace(recording, tau=tau + noise))
     return Case(name, Path(), arm, tuple(recordings), controller=controller)
 
 

@@ -24,6 +24,7 @@ from gapscope.arm.dynamics.inertials import (
 from gapscope.arm.dynamics.link_shapes import PlacedShape
 from gapscope.arm.dynamics.plain_urdf import Place, exact_urdf, numbers, set_origin
 from gapscope.arm.dynamics.robot_file import joint_motion
+from gapscope.arm.dynamics.rollout import LONGEST_STEP
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nearest_name import check_known
@@ -261,8 +262,6 @@ ROUNDING = 1e-9
 """Share by which a moment of inertia may exceed the sum of the others before it counts as odd."""
 LEAST = 1e-12
 """Mass [kg] and moments of inertia [kg m^2] that MuJoCo gives a moving body that has none."""
-LONGEST_STEP = 1e-3
-"""Time step of a file without springs [s]."""
 STIFFEST = 1.0
 """Phase that a bristle's resonance may cover in a step, w dt [rad]: MuJoCo's step of the bristle is explicit."""
 MIN_SHARE = 0.01
@@ -345,6 +344,7 @@ def time_step(arm: PlainArm) -> float:
     Raises:
         InputError: a stiffness needs a step that is too short to be simulated.
     """
+    # without springs as long as rigid bodies are stepped
     drives = arm.drives.iloc[arm.body.order]
     gear = drives["gear"].to_numpy()
     rotors, stiffness, damping, spring = (

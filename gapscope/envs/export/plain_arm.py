@@ -125,6 +125,10 @@ def _known(limit: np.ndarray) -> np.ndarray:
     return np.where(limit > 0, limit, np.inf)
 
 
+EXACT = 1e-12
+"""Frames that differ by less are one [m], [rad]."""
+
+
 class PlainArm(NamedTuple):
     """A corrected arm as bodies and drives.
 
@@ -163,15 +167,14 @@ class PlainArm(NamedTuple):
             for frame in self.frames.values()
             if frame.joint == joint
             and frame.name != "world"
-            and not frame.place.translation.any()
-            and _none(frame.place.rotation)
+            and frame.place.isIdentity(EXACT)
         )
         return next(own, link_name(joint))
 
     @property
     def upright(self) -> bool:
         """Whether the base is oriented like the world."""
-        return _none(self.mount.rotation)
+        return bool(self.mount.isIdentity(EXACT))
 
 
 def plain_arm(corrected: CorrectedArm) -> PlainArm:
@@ -223,11 +226,6 @@ def _shifted(link: Link, zero: float) -> Link:
     # from the new coordinate back to the true one, within the joint's own frame
     back = joint_motion(link.kind, link.axis, -zero)
     return replace(link, origin=link.origin * back, limits=limits)
-
-
-def _none(turn: np.ndarray) -> bool:
-    """Whether a rotation is the identity."""
-    return bool(np.abs(turn - np.eye(3)).max() < 1e-12)
 
 
 def mesh_path(mesh: Path, out: Path, relative: bool) -> str:
