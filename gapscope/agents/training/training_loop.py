@@ -172,7 +172,10 @@ def read_weights(learner: Any, path: Path) -> None:
     """
     from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
 
-    remedy = "take the file from another copy, or train the agent again with --again"
+    remedy = (
+        "was it cut short? take the file from another copy, or train the agent again "
+        "with --again"
+    )
     with complete_file(path, "a policy of these settings", remedy):
         _, parameters, variables = load_from_zip_file(
             path, device="cpu", load_data=False
