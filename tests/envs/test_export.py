@@ -254,12 +254,6 @@ class TestJoints:
             found = {key: float(said[key]) for key in expected}
             assert found == pytest.approx(expected)
 
-    def test_joints_that_are_not_the_arms_are_fixed(self, tmp_path: Path) -> None:
-        arm = CorrectedArm(load_nominal_arm("franka_panda"))
-        file, (missing,) = exported(arm, "urdf", tmp_path)
-        assert "panda_finger_joint1, panda_finger_joint2" in missing
-        assert load_nominal_arm(file).n_joints == 7
-
 
 class TestShapes:
     @pytest.mark.parametrize("form", FORMATS)
