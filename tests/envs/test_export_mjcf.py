@@ -19,7 +19,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.friction import friction_direction
 from gapscope.effects.severity import draw
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.plain_arm import HELD, holds
+from gapscope.envs.export.plain_arm import TARGETS, holds
 from gapscope.envs.simulated_arm import SimulatedArm
 
 mujoco = pytest.importorskip("mujoco")
@@ -109,7 +109,8 @@ def gap(a: np.ndarray, b: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, effect in CATALOGUE.items() if holds(HELD["mjcf"], effect)]
+    "name",
+    [name for name, effect in CATALOGUE.items() if holds(TARGETS["mjcf"].held, effect)],
 )
 def test_a_held_effect_moves_the_arm_as_it_does_in_the_simulator(
     arm: NominalArm, tmp_path: Path, name: str
