@@ -15,7 +15,7 @@ from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import Workspace
-from gapscope.arm.motions.trajectory import ReferenceMotion
+from gapscope.arm.motions.trajectory import ReferenceMotion, motion_of
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.root_mean_square import rms
 from gapscope.arm.velocity_filter import VelocityFilter
@@ -222,15 +222,7 @@ class SampledReference(NamedTuple):
         """
         first = round(settle / dt)
         ticks = np.arange(-first, round((duration + EXTENSION) / dt))
-        held = np.maximum(ticks, 0) * dt
-        # before t = 0 the reference rests where it will start
-        moving = (ticks >= 0)[:, None]
-        motion = Motion(
-            t=ticks * dt,
-            q=reference.position(held),
-            dq=np.where(moving, reference.velocity(held), 0.0),
-            ddq=np.where(moving, reference.acceleration(held), 0.0),
-        )
+        motion = motion_of(reference, ticks * dt)
         return cls(motion, first, np.zeros_like(motion.q))
 
     def planned(self, controller: Feedforward) -> SampledReference:

@@ -28,6 +28,7 @@ from gapscope.arm.motions.trajectory import (
     ReferenceMotion,
     Sampled,
     check_sample_count,
+    motion_of,
     read_sampled,
 )
 from gapscope.arm.nominal import NominalArm
@@ -106,15 +107,9 @@ def record(
     # one that starts in motion cannot be held before its start
     rests = np.abs(reference.velocity(np.zeros(1))).max() < 1e-9
     first = round(SETTLE * controller.rate) if rests else 0
-    ticks = np.arange(-first, round(duration * controller.rate) + 1)
-    t = ticks / controller.rate
-    # before t = 0 the reference rests at its start
-    held = np.maximum(t, 0.0)
-    # at rest whatever acceleration the reference begins with
-    ddq = np.where(ticks[:, None] < 0, 0.0, reference.acceleration(held))
-    targets = Targets.of(
-        arm, controller, reference.position(held), reference.velocity(held), ddq
-    )
+    t = np.arange(-first, round(duration * controller.rate) + 1) / controller.rate
+    motion = motion_of(reference, t)
+    targets = Targets.of(arm, controller, motion.q, motion.dq, motion.ddq)
     # the arm itself is unknown to its controller, which believes the nominal one
     control = ControlLoop(controller, arm)
     filtered = VelocityFilter(
