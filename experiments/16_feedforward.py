@@ -236,7 +236,7 @@ def with_interval(episodes: Sequence[dict[str, Any]]) -> str:
     """Interquartile mean of the joint errors [mrad] with its interval."""
     motions = [e["motion"] for e in episodes]
     mean = mean_of(errors(episodes), motions, np.random.default_rng(0))
-    return f"{mean.value:.3g} ({mean.low:.3g}–{mean.high:.3g})"
+    return f"{mean['value']:.3g} ({mean['low']:.3g}–{mean['high']:.3g})"
 
 
 def model_row(model: str, found: list[Any]) -> list[str]:

@@ -35,7 +35,8 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift, Transmission
 from gapscope.effects.severity import draw
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.plain_arm import HELD, holds, nearest_friction
+from gapscope.envs.export.plain_arm import TARGETS as FORMATS
+from gapscope.envs.export.plain_arm import holds, nearest_friction
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 
@@ -298,7 +299,7 @@ def round_trip(
     needs = any(isinstance(e.effect, Transmission | Drift) for e in effects)
     gaps = {}
     for name, (form, run) in TARGETS.items():
-        left_out = any(not holds(HELD[form], e.effect) for e in effects)
+        left_out = any(not holds(FORMATS[form].held, e.effect) for e in effects)
         own = arm if form == "mjcf" else bare
         if needs and own is bare:
             gaps[name] = Gaps(None, None, left_out)

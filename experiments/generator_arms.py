@@ -15,7 +15,6 @@ from scipy.signal import butter, sosfiltfilt
 from gapscope.agents.models import AgentModel, TorqueModel
 from gapscope.agents.tracking import (
     AgentController,
-    Measures,
     TrackingMetrics,
     TrackingRun,
     Tuning,
@@ -203,7 +202,7 @@ class GeneratorArm:
             return TrackingRun(np.zeros(0), empty, empty, empty, True)
         return TrackingRun(rows["t"], rows["q_ref"], rows["q"], rows["tau"], False)
 
-    def measure(self, fed: Fed, which: int, bandwidth: float) -> Measures:
+    def measure(self, fed: Fed, which: int, bandwidth: float) -> dict[str, float]:
         """How well a motion is tracked; the arm is lost at 0.7 rad from its reference, or at its torque limit."""
         return self._metrics(self.run(fed, which, bandwidth), 1 / RATE, DURATION)
 

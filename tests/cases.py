@@ -19,7 +19,7 @@ from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.motions.trajectory import (
     Fourier,
     Limits,
-    ReferenceMotion,
+    motion_of,
     urdf_limits,
 )
 from gapscope.arm.nominal import NominalArm
@@ -50,13 +50,6 @@ def sines(t: np.ndarray, size: ArrayLike, speed: ArrayLike, phase: ArrayLike) ->
     angle = t[:, None] * speed + phase
     q, rate = size * np.sin(angle), np.multiply(size, speed)
     return Motion(t, q, rate * np.cos(angle), -rate * speed * np.sin(angle))
-
-
-def motion_of(reference: ReferenceMotion, t: np.ndarray) -> Motion:
-    """A reference sampled at times t [s]."""
-    return Motion(
-        t, reference.position(t), reference.velocity(t), reference.acceleration(t)
-    )
 
 
 def swinging(

@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite, nan
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +27,6 @@ from gapscope.agents.tracking import (
 )
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import (
     Workspace,
     check_motion_name,
@@ -114,9 +113,9 @@ class EvaluationPlan:
 
 
 Episode = Mapping[str, Any]
-"""One model on one motion: ``model``, ``engine``, ``motion``, ``disturbance``, ``seed``, the fields of
-``gapscope.agents.tracking.Measures``, and ``torque_error``, the NRMSE of the model's feedforward against the torque
-that the motion needs, mean over joints [1]."""
+"""One model on one motion: ``model``, ``engine``, ``motion``, ``disturbance``, ``seed``, the measures of
+``gapscope.agents.tracking.TrackingMetrics``, and ``torque_error``, the NRMSE of the model's feedforward against the
+torque that the motion needs, mean over joints [1]."""
 Cell = Callable[[tuple[str, ...], Candidate, Callable[[], Any]], Any]
 """What a cell of an evaluation holds, by its key and its model: what is kept of it, or what is computed now."""
 
@@ -276,9 +275,7 @@ class TrackingBench:
                     "seed": seed,
                     "torque_error": error,
                 }
-                rows.append(
-                    row | self._metrics(run, TIME_STEP, plan.duration)._asdict()
-                )
+                rows.append(row | self._metrics(run, TIME_STEP, plan.duration))
         return rows
 
     def margin(self, model: Candidate, engine: str) -> float:
@@ -329,25 +326,16 @@ class TrackingBench:
         )
 
 
-class Evaluation(NamedTuple):
-    """What came out.
-
-    Attributes:
-        episodes: one per model, engine, motion, disturbance and seed.
-        margins: largest stable bandwidth [Hz] by model and engine.
-    """
-
-    episodes: list[Episode]
-    margins: dict[tuple[str, str], float]
-
-
 def evaluate(
     models: Mapping[str, Candidate],
     bench: TrackingBench,
     progress: Progress = silent,
     cell: Cell = lambda key, model, compute: compute(),
-) -> Evaluation:
+) -> tuple[list[Episode], dict[tuple[str, str], float]]:
     """Track with every model of ``models`` and raise its gains.
+
+    Returns an episode per model, engine, motion, disturbance and seed, and by model and engine the largest stable
+    bandwidth [Hz].
 
     Args:
         models: models and agents by name; ``None`` is PD alone.
@@ -371,7 +359,7 @@ def evaluate(
             progress(f"{which}: raises the gains")
             find = partial(bench.margin, model, engine)
             margins[name, engine] = cell(("margin", name, engine), model, find)
-    return Evaluation(episodes, margins)
+    return episodes, margins
 
 
 # An evaluation in figures: means that outliers do not carry away, and how torque and tracking error go together.
@@ -383,24 +371,17 @@ DRAWS = 2000
 """Bootstrap draws."""
 
 
-class Mean(NamedTuple):
-    """An interquartile mean with its interval, in the unit of the values; infinite if too many runs diverged."""
-
-    value: float
-    low: float
-    high: float
-
-
 def mean_of(
     values: Sequence[float],
     strata: Sequence[Hashable],
     rng: np.random.Generator,
-) -> Mean:
+) -> dict[str, float]:
     """Interquartile mean with the percentile interval of a stratified bootstrap.
 
     A quarter of the values, rounded down, is left out at both ends; infinite ones count as the largest (agarwal2021).
     Runs are drawn with replacement within each stratum, so that every motion keeps its weight (agarwal2021). With
-    one run per stratum the interval is the value.
+    one run per stratum the interval is the value. All three, ``value``, ``low`` and ``high``, are in the unit of the
+    values, infinite if too many runs diverged, and NaN without values.
 
     Args:
         values: of the runs.
@@ -408,7 +389,7 @@ def mean_of(
         rng: source of the draws.
     """
     if not len(values):
-        return Mean(nan, nan, nan)
+        return dict.fromkeys(("value", "low", "high"), nan)
     array = np.asarray(values, dtype=float)
     places_of: dict[Hashable, list[int]] = {}
     for place, stratum in enumerate(strata):
@@ -422,7 +403,8 @@ def mean_of(
     tails = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
     # a value that was drawn: infinite ones cannot be interpolated
     low, high = np.quantile(resampled, tails, method="nearest")
-    return Mean(float(trim_mean(array, 0.25)), float(low), float(high))
+    value = float(trim_mean(array, 0.25))
+    return {"value": value, "low": float(low), "high": float(high)}
 
 
 SEED = 20
@@ -431,73 +413,51 @@ MEASURES = ("joint_error", "tool_error", "reward", "torque_rate", "torque_error"
 """Measures of an episode that are summarised."""
 
 
-class SummaryLine(NamedTuple):
-    """Summary of one model in one engine under one disturbance: interquartile means over seeds and motions.
-
-    Attributes:
-        model, engine, disturbance: which.
-        episodes, diverged: how many, and how many of them diverged.
-        means: by measure, see ``gapscope.agents.evaluation.Episode``.
-        margin: largest stable bandwidth [Hz], or ``None`` if it was not sought.
-    """
-
-    model: str
-    engine: str
-    disturbance: str
-    episodes: int
-    diverged: int
-    means: dict[str, Mean]
-    margin: float | None
-
-    def plain(self) -> dict[str, Any]:
-        """As JSON data."""
-        # Wilson's interval says something even if none of a few runs diverged
-        low, high = binomtest(self.diverged, self.episodes).proportion_ci(
-            method="wilson"
-        )
-        means = {name: mean._asdict() for name, mean in self.means.items()}
-        return {
-            "model": self.model,
-            "engine": self.engine,
-            "disturbance": self.disturbance,
-            "episodes": self.episodes,
-            "diverged": {"count": self.diverged, "low": low, "high": high},
-            **plain(means, null_if_not_finite=True),
-            "margin": self.margin,
-        }
+Line = Mapping[str, Any]
+"""Summary of one ``model`` in one ``engine`` under one ``disturbance``: how many ``episodes``, how many of them
+``diverged`` (``count``, and its Wilson interval ``low`` to ``high`` [1]), the largest stable bandwidth ``margin`` [Hz]
+or ``None`` if it was not sought, and by measure the mean over seeds and motions, see ``mean_of``."""
 
 
-def summarise(evaluation: Evaluation) -> list[SummaryLine]:
+def summarise(
+    episodes: Sequence[Episode], margins: Mapping[tuple[str, str], float]
+) -> list[Line]:
     """A line per disturbance, engine and model, the models in the order in which they were tried."""
-    rows = pd.DataFrame(evaluation.episodes)
-    lines = []
+    rows = pd.DataFrame(episodes)
+    lines: list[Line] = []
     for kind in rows["disturbance"].unique():
         own = rows[rows["disturbance"] == kind]
         for (model, engine), group in own.groupby(["model", "engine"], sort=False):
-            motions = group["motion"].tolist()
-            means = {}
+            count = int(group["diverged"].sum())
+            # Wilson's interval says something even if none of a few runs diverged
+            low, high = binomtest(count, len(group)).proportion_ci(method="wilson")
+            line = {
+                "model": model,
+                "engine": engine,
+                "disturbance": kind,
+                "episodes": len(group),
+                "diverged": {"count": count, "low": low, "high": high},
+                "margin": margins.get((model, engine)),
+            }
             for name in MEASURES:
                 # the same draws for each measure: they differ by values alone
                 rng = np.random.default_rng(SEED)
-                means[name] = mean_of(group[name].tolist(), motions, rng)
-            count, margin = len(group), evaluation.margins.get((model, engine))
-            diverged = int(group["diverged"].sum())
-            lines.append(
-                SummaryLine(model, engine, kind, count, diverged, means, margin)
-            )
+                motions = group["motion"].tolist()
+                line[name] = mean_of(group[name].tolist(), motions, rng)
+            lines.append(line)
     return lines
 
 
-def relation(lines: Sequence[SummaryLine]) -> float | None:
+def relation(lines: Sequence[Line]) -> float | None:
     """Spearman's correlation over models and engines of torque error and joint error [1].
 
     Of the first disturbance alone; ``None`` for fewer than three values, or equal ones.
     """
-    first = [line for line in lines if line.disturbance == lines[0].disturbance]
+    first = [line for line in lines if line["disturbance"] == lines[0]["disturbance"]]
     # a model that diverged has no error to be ranked by
-    known = [line for line in first if isfinite(line.means["joint_error"].value)]
+    known = [line for line in first if isfinite(line["joint_error"]["value"])]
     torque, joint = (
-        [line.means[name].value for line in known]
+        [line[name]["value"] for line in known]
         for name in ("torque_error", "joint_error")
     )
     # a rank needs values that differ

@@ -15,7 +15,7 @@ from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import Workspace
-from gapscope.arm.motions.trajectory import ReferenceMotion
+from gapscope.arm.motions.trajectory import ReferenceMotion, motion_of
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.root_mean_square import rms
 from gapscope.arm.velocity_filter import VelocityFilter
@@ -222,15 +222,7 @@ class SampledReference(NamedTuple):
         """
         first = round(settle / dt)
         ticks = np.arange(-first, round((duration + EXTENSION) / dt))
-        held = np.maximum(ticks, 0) * dt
-        # before t = 0 the reference rests where it will start
-        moving = (ticks >= 0)[:, None]
-        motion = Motion(
-            t=ticks * dt,
-            q=reference.position(held),
-            dq=np.where(moving, reference.velocity(held), 0.0),
-            ddq=np.where(moving, reference.acceleration(held), 0.0),
-        )
+        motion = motion_of(reference, ticks * dt)
         return cls(motion, first, np.zeros_like(motion.q))
 
     def planned(self, controller: Feedforward) -> SampledReference:
@@ -312,27 +304,15 @@ def track(
     return TrackingRun(motion.t[rows], motion.q[rows], q[rows], tau[rows], ran_away)
 
 
-class Measures(NamedTuple):
-    """Measures of one track.
-
-    Attributes:
-        joint_error: RMS of q_ref - q of the encoders over time and joints [rad]; infinite if the arm diverged.
-        tool_error: RMS distance of the tool between both, by the kinematics [m]; infinite if the arm diverged.
-        reward: mean per action of the environment's reward, an action being the torque over the rated torque; what is
-            missing because the arm diverged counts as 0 [1].
-        torque_rate: RMS over time and joints of the change of the commanded torque per tick [N m/s].
-        diverged: whether the arm diverged.
-    """
-
-    joint_error: float
-    tool_error: float
-    reward: float
-    torque_rate: float
-    diverged: bool
-
-
 class TrackingMetrics:
-    """Measures the tracks of one arm.
+    """Measures the tracks of one arm, each as a mapping; what is an error is infinite if the arm diverged.
+
+    - joint_error: RMS of q_ref - q of the encoders over time and joints [rad];
+    - tool_error: RMS distance of the tool between both, by the kinematics [m];
+    - reward: mean per action of the environment's reward, an action being the torque over the rated torque; what is
+      missing because the arm diverged counts as 0 [1];
+    - torque_rate: RMS over time and joints of the change of the commanded torque per tick [N m/s];
+    - diverged: whether the arm diverged.
 
     Args:
         arm: the nominal arm.
@@ -345,7 +325,9 @@ class TrackingMetrics:
         self._rated = rated_torque(arm, body, space)
         self._kinematics: Kinematics = space.kinematics
 
-    def __call__(self, track: TrackingRun, dt: float, duration: float) -> Measures:
+    def __call__(
+        self, track: TrackingRun, dt: float, duration: float
+    ) -> dict[str, float]:
         """Measure a track with a period of ``dt`` [s] on a course of ``duration`` [s]."""
         # as long as those of the environment, for the reward and the tool's error
         every = max(1, round(TIME_STEP * SUB_STEPS / dt))
@@ -360,21 +342,23 @@ class TrackingMetrics:
         rewards = Reward()(error, np.mean(blocks**2, axis=1), jump).total
         # over all actions that were due: missing ones count as zero
         reward = float(rewards.sum()) / actions
+        found = dict.fromkeys(("joint_error", "tool_error"), inf)
+        found |= {"reward": reward, "torque_rate": inf, "diverged": track.diverged}
         if track.diverged:
-            return Measures(inf, inf, reward, inf, True)
+            return found
         # the tool by the kinematics, once per action
         tool = self._kinematics.tool
         wanted, reached = (
             np.array([tool(q).translation for q in series[::every]])
             for series in (track.q_ref, track.q)
         )
-        return Measures(
-            joint_error=float(rms(track.q_ref - track.q, None)),
-            tool_error=float(np.sqrt(np.mean(np.square(wanted - reached).sum(axis=1)))),
-            reward=reward,
-            torque_rate=float(rms(np.diff(track.tau, axis=0) / dt, None)),
-            diverged=False,
-        )
+        return found | {
+            "joint_error": float(rms(track.q_ref - track.q, None)),
+            "tool_error": float(
+                np.sqrt(np.mean(np.square(wanted - reached).sum(axis=1)))
+            ),
+            "torque_rate": float(rms(np.diff(track.tau, axis=0) / dt, None)),
+        }
 
 
 KICK = 0.2

@@ -11,7 +11,6 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from gapscope.arm.controller import Controller, Gain, Integrator
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -46,18 +45,13 @@ def feedforward(
     Raises:
         InputError: unknown kind.
     """
+    check_known("feedforward", kind, FEEDFORWARDS, where="controller.feedforward")
     if kind == "none":
         return np.zeros_like(q)
     if kind == "gravity":
         return body.gravity_torque(q)
-    if kind == "nominal":
-        torque = body.inverse_dynamics(q, dq, ddq) + arm.armature * ddq
-        return torque + arm.friction(dq)
-    raise InputError(
-        f"unknown feedforward {kind!r}",
-        f"use one of {', '.join(FEEDFORWARDS)}",
-        where="controller.feedforward",
-    )
+    torque = body.inverse_dynamics(q, dq, ddq) + arm.armature * ddq
+    return torque + arm.friction(dq)
 
 
 # PD control of the position, beside a feedforward.
@@ -103,7 +97,20 @@ class PD(_KpKd):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PID(_KpKd):
+class _Integrating(Controller):
+    """A law with an integrator.
+
+    Attributes:
+        ki: its gain, shape (n,).
+    """
+
+    integrates = True
+    ki: np.ndarray
+    integrator: Integrator = field(default_factory=Integrator)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PID(_Integrating, _KpKd):
     """tau = feedforward + kp e + z + kd de, dz/dt = ki e, with e = q_ref - q.
 
     Attributes:
@@ -117,9 +124,6 @@ class PID(_KpKd):
         Gain("ki", "N m/(rad s)", "torque over the integral of that error", 3),
         PD.gains[1],
     )
-    integrates = True
-    ki: np.ndarray
-    integrator: Integrator = field(default_factory=Integrator)
 
     def integration(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """ki e [N m/s]."""
@@ -130,7 +134,7 @@ class PID(_KpKd):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cascade(Controller):
+class Cascade(_Integrating):
     """tau = feedforward + kv (w - dq) + z, dz/dt = ki (w - dq), w = kp (q_ref - q) + dq_ref.
 
     Without ki it is PD with the gains kv kp and kv.
@@ -147,11 +151,8 @@ class Cascade(Controller):
         Gain("kv", "N m s/rad", "torque over the velocity's error", 1),
         Gain("ki", "N m/rad", "torque over the integral of the velocity's error", 2),
     )
-    integrates = True
     kp: np.ndarray
     kv: np.ndarray
-    ki: np.ndarray
-    integrator: Integrator = field(default_factory=Integrator)
 
     def proportional(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """kv (kp e + de) [N m]."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 LONGEST_SHOWN = 200
@@ -71,6 +73,23 @@ class InputError(GapscopeError):
         """The same error with the file at fault, and the place in it before what it says itself."""
         place = ", ".join(filter(None, (where, self.where)))
         return InputError(self.problem, self.remedy, file=file, where=place)
+
+
+@contextmanager
+def extra(name: str, what: str, file: Path | None = None) -> Iterator[None]:
+    """What the block imports comes with an extra of the package, for what needs it.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise InputError(
+            f"{what} needs {error.name}, which is not installed",
+            f"pip install 'gapscope[{name}]'",
+            file=file,
+        ) from None
 
 
 class InterruptedRunError(GapscopeError):

@@ -107,8 +107,14 @@ def read_bytes(
         InputError: as ``check_file``; or it may not be read.
     """
     check_file(path, remedy, largest)
-    try:
+    with _readable(path, remedy):
         return path.read_bytes()
+
+
+@contextmanager
+def _readable(path: Path, remedy: str) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise InputError(
             f"cannot be read ({error.strerror})", remedy, file=path
@@ -123,15 +129,10 @@ def digest_of(path: Path, remedy: str) -> bytes:
     """
     check_file(path, remedy)
     digest = hashlib.sha256()
-    try:
-        with path.open("rb") as file:
-            # a dataset of any size is hashed with the memory of one piece
-            while piece := file.read(DEFAULT_BUFFER_SIZE):
-                digest.update(piece)
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror})", remedy, file=path
-        ) from None
+    with _readable(path, remedy), path.open("rb") as file:
+        # a dataset of any size is hashed with the memory of one piece
+        while piece := file.read(DEFAULT_BUFFER_SIZE):
+            digest.update(piece)
     return digest.digest()
 
 
@@ -212,7 +213,8 @@ def complete_file(
         raise
     # libraries stumble over damaged files in as many ways as they have lines
     except Exception as error:
-        said = str(error) or type(error).__name__
+        # of what goes on over many lines the first says it
+        said = str(error).split("\n")[0] or type(error).__name__
         raise InputError(
             f"cannot be read as {form} ({said})", remedy, file=path
         ) from None

@@ -346,13 +346,13 @@ def evaluate(
             # finished cells are kept until the results are whole: the same command goes on after an interruption
             with error_context(source, hidden):
                 cells = Cells(out, bench, again)
-                evaluation = evaluate_models(tried, bench, progress, cells)
+                episodes, margins = evaluate_models(tried, bench, progress, cells)
             if cells.reused:
                 progress(
                     f"{cells.reused} parts were taken from a run that was interrupted"
                 )
-            lines = summarise(evaluation)
-            content = evaluation_document(bench, evaluation, lines)
+            lines = summarise(episodes, margins)
+            content = evaluation_document(bench, episodes, lines)
             progress("writes the page")
             paths = write_evaluation(content, lines, out)
             # the results are whole: what was kept for going on goes

@@ -165,14 +165,14 @@ def export(
     from gapscope.commands.inputs import read_arm_and_controller
     from gapscope.diagnosis.compare_units import read_ranges
     from gapscope.effects.corrected_file import error_context, read_corrected_arm
-    from gapscope.envs.export.formats import ALL_FORMATS
     from gapscope.envs.export.formats import export as export_arm
+    from gapscope.envs.export.plain_arm import TARGETS
 
     if unit and not randomise:
         raise InputError(
             "other units matter for ranges alone", "add --randomise", where="--unit"
         )
-    check_known("format", format_, ALL_FORMATS, where="--format")
+    check_known("format", format_, TARGETS, where="--format")
     if (case is None) == (robot is None):
         raise InputError(
             "expected one of --case and --robot",

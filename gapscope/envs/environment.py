@@ -20,9 +20,8 @@ from numpy import add, maximum, minimum, multiply, subtract
 from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import Workspace, draw_motion, workspace
-from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
+from gapscope.arm.motions.trajectory import Limits, ReferenceMotion, motion_of
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
@@ -183,9 +182,7 @@ class SampledReference:
         # feedforward by name looks at one state, and at nothing beyond the end
         more = 0 if isinstance(model, str) else round(EXTENSION / setup.dt)
         t = setup.dt * np.arange(steps + more)
-        self.motion = motion = Motion(
-            t, reference.position(t), reference.velocity(t), reference.acceleration(t)
-        )
+        self.motion = motion = motion_of(reference, t)
         chosen = slice(0, steps, setup.sub_steps)
         t, self.q, dq = motion.t[chosen], motion.q[chosen], motion.dq[chosen]
         # relative to the reference now, as the error is relative to it

@@ -20,6 +20,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
+from gapscope.model.conditioning import torque_scale
 
 HIDDEN_QUANTITIES = {
     *("friction", "damping", "load_factor", "rotor"),
@@ -95,8 +96,7 @@ def draw_effects(
     """One or two different effects, on different joints, each of which shows in the torque of these motions."""
     body, motion = RigidBody(arm), _motion(references)
     nominal = CorrectedArm(arm).predict(body, motion)
-    # a joint that hardly carries torque is measured by a share of the strongest
-    scale = np.maximum(nominal.std(axis=0), 0.05 * nominal.std(axis=0).max())
+    scale = torque_scale(nominal)
     wanted = int(rng.integers(1, 3))
     effects: list[AppliedEffect] = []
     for _ in range(DRAWS):

@@ -28,6 +28,7 @@ from gapscope.arm.motions.trajectory import (
     ReferenceMotion,
     Sampled,
     check_sample_count,
+    motion_of,
     read_sampled,
 )
 from gapscope.arm.nominal import NominalArm
@@ -41,6 +42,7 @@ from gapscope.envs.arguments import check_values
 from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.position_controller import SAFE, SampledLoop, position_controller
 from gapscope.envs.simulated_arm import SimulatedArm, closed_loop, diverged, fastest
+from gapscope.model.conditioning import torque_scale
 
 RECENT_TICKS, POSTURE_TICKS = 1000, 50
 """Ticks before a divergence from which the postures are taken that may explain it, and from one to the next."""
@@ -105,15 +107,9 @@ def record(
     # one that starts in motion cannot be held before its start
     rests = np.abs(reference.velocity(np.zeros(1))).max() < 1e-9
     first = round(SETTLE * controller.rate) if rests else 0
-    ticks = np.arange(-first, round(duration * controller.rate) + 1)
-    t = ticks / controller.rate
-    # before t = 0 the reference rests at its start
-    held = np.maximum(t, 0.0)
-    # at rest whatever acceleration the reference begins with
-    ddq = np.where(ticks[:, None] < 0, 0.0, reference.acceleration(held))
-    targets = Targets.of(
-        arm, controller, reference.position(held), reference.velocity(held), ddq
-    )
+    t = np.arange(-first, round(duration * controller.rate) + 1) / controller.rate
+    motion = motion_of(reference, t)
+    targets = Targets.of(arm, controller, motion.q, motion.dq, motion.ddq)
     # the arm itself is unknown to its controller, which believes the nominal one
     control = ControlLoop(controller, arm)
     filtered = VelocityFilter(
@@ -353,13 +349,9 @@ def record_case(
                 stacklevel=2,
             )
         # a joint that hardly carries anything has noise all the same
-        spread = recording.tau.std(axis=0)
-        noise = (
-            plan.noise
-            * np.maximum(spread, 0.05 * spread.max())
-            * rng.standard_normal(recording.tau.shape)
-        )
-        recordings.append(replace(recording, tau=recording.tau + noise))
+        tau, size = recording.tau, plan.noise * torque_scale(recording.tau)
+        noise = size * rng.standard_normal(tau.shape)
+        recordings.append(replace(recording, tau=tau + noise))
     return Case(name, Path(), arm, tuple(recordings), controller=controller)
 
 

@@ -20,6 +20,7 @@ from rich.text import Text as Characters
 
 from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.nearest_name import check_known
+from gapscope.arm.root_mean_square import rms
 
 WIDTH, HEIGHT = 960, 560
 """Size of the picture [pixels]."""
@@ -117,11 +118,9 @@ class Screen:
 
     def caption(self) -> str:
         """One line: what is seen, time and error."""
-        rms = 1e3 * float(np.sqrt(np.mean(self._error[-1] ** 2)))
+        error = f"error {1e3 * rms(self._error[-1]):.2f} mrad RMS"
         at = f"t = {self._period * (len(self._q) - 1):.2f} s"
-        return (
-            f"{self.title}: {at}, error {rms:.2f} mrad RMS. {self._ending.get_text()}"
-        )
+        return f"{self.title}: {at}, {error}. {self._ending.get_text()}"
 
     def pixels(self) -> np.ndarray:
         """The picture as it is now, uint8, shape (``HEIGHT``, ``WIDTH``, 3)."""
@@ -150,10 +149,9 @@ class Screen:
         seen = 1e3 * self._flat(offset)
         self._trail.set_data(*seen.T)
         self._tip.set_data(*seen[-1:].T)
-        rms = float(np.sqrt(np.mean(errors**2)))
         distance = 1e3 * float(np.linalg.norm(offset[-1]))
         self._facts.set_text(
-            f"t = {self._period * now:.2f} s     error so far {rms:.2f} mrad RMS"
+            f"t = {self._period * now:.2f} s     error so far {rms(errors, None):.2f} mrad RMS"
             f"     tool off by {distance:.2f} mm"
         )
         self._widen(float(np.abs(errors).max()), float(np.abs(seen).max()))

@@ -23,6 +23,7 @@ from gapscope.arm.dynamics.rollout import LONGEST_STEP, steps_per_tick
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import interpolated
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
 from gapscope.arm.velocity_filter import VelocityFilter, rule_of
@@ -33,24 +34,21 @@ from gapscope.envs.drive.arm_drive import nominal_body
 from gapscope.envs.simulated_arm import (
     NetworkTorque,
     SimulatedArm,
-    between,
     closed_loop,
     diverged,
     fastest,
 )
+from gapscope.model.conditioning import GAP_STEPS, TRIM
 
-TRIM = 0.3
-"""Time cut from both ends of a stretch before the gap is measured [s]."""
 HORIZON = 0.2
 """Length of the stretches that are replayed under recorded torque [s]."""
 CUTOFF = 20.0
 """Cut-off of the measured states from which replays under recorded torque start [Hz]; at most 0.4 of the rate."""
-GAP_STEPS = 4.0
-"""A step of time longer than this many median steps is a gap; the replay starts anew behind it."""
 
 CHECK_CONTROLLER = (
     "check the controller's gains and units, and the effects of the model"
 )
+
 GIVE_DATA_SHEET = "give armature and friction in nominal:, or a model with them"
 """What to do if the replayed arm diverges under its controller, and under the recorded torque."""
 
@@ -207,7 +205,7 @@ def _tracked(
             _check(simulated, ticks[i], CHECK_CONTROLLER)
     # a row holds the torque of the last tick before it
     tick = ((t - t[0]) * controller.rate + 1e-6).astype(int)
-    return between(ticks, q, t), tau[tick]
+    return interpolated(t, ticks, q), tau[tick]
 
 
 def _driven(
@@ -245,7 +243,7 @@ def _driven(
             window = slice(first, min(first + count, len(t)))
             # one step beyond the last row, which so lies between two
             grid = np.arange(t[window][0], t[window][-1] + dt, dt)
-            torque = between(t, applied, grid)
+            torque = interpolated(grid, t, applied)
             positions = np.empty((len(grid), tau.shape[1]))
             # back to what was measured: errors grow no longer than a horizon
             simulated.start(smooth[first], speed[first], grid[0])
@@ -253,7 +251,7 @@ def _driven(
                 positions[i] = simulated.encoders()
                 simulated.step(held)
                 _check(simulated, grid[i], GIVE_DATA_SHEET)
-            q[window] = between(grid, positions, t[window])
+            q[window] = interpolated(t[window], grid, positions)
     return q, tau
 
 

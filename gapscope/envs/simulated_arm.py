@@ -16,6 +16,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import interpolated
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual import Memory, channels, channels_with
@@ -469,7 +470,7 @@ class NetworkTorque:
         spaced = np.append(np.arange(0, last, SPACING), last)
         windows = self._residual.inputs.windows(motion, load, spaced)
         said = self._residual.of_windows(windows).torque
-        self._planned = between(spaced, said, np.arange(last + 1))
+        self._planned = interpolated(np.arange(last + 1), spaced, said)
         rows = slice(None, None, sub_steps)
         coarse = Motion(
             motion.t[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows]
@@ -502,8 +503,3 @@ class NetworkTorque:
     def torque(self, step: int) -> np.ndarray:
         """The network's torque at a step of the simulation [N m], shape (n,)."""
         return np.asarray(self._planned[step] + self._off)
-
-
-def between(t: np.ndarray, series: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """A series (K, n) at other times (N,), linear between its samples and constant beyond them, (N, n)."""
-    return np.stack([np.interp(at, t, column) for column in series.T], axis=1)

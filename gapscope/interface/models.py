@@ -374,7 +374,7 @@ class ExportResult(Result):
     Attributes:
         corrected: the arm in it.
         file: the file.
-        format: one of ``gapscope.envs.export.formats.ALL_FORMATS``.
+        format: one of ``gapscope.envs.export.plain_arm.TARGETS``.
         left_out: effects that the format cannot hold; a sentence each.
         remarks: what is odd about the bodies; a sentence each.
         controller: whose gains are in it, or ``None``.

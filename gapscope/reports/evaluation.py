@@ -13,9 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from gapscope.agents.evaluation import (
-    Evaluation,
-    Mean,
-    SummaryLine,
+    Episode,
+    Line,
     TrackingBench,
     relation,
 )
@@ -63,7 +62,7 @@ MEANS = (
 """Measures and their factors, in the order of the columns."""
 
 
-def tables(lines: list[SummaryLine], content: dict[str, Any]) -> Group:
+def tables(lines: list[Line], content: dict[str, Any]) -> Group:
     """What the terminal shows, within 80 columns: a table for each engine and disturbance."""
     plan = content["plan"]
     heading = (
@@ -76,16 +75,16 @@ def tables(lines: list[SummaryLine], content: dict[str, Any]) -> Group:
 
 
 def _by_kind(
-    lines: Sequence[SummaryLine],
-) -> dict[tuple[str, str], list[SummaryLine]]:
+    lines: Sequence[Line],
+) -> dict[tuple[str, str], list[Line]]:
     """Lines by engine and disturbance, in their order."""
-    found: dict[tuple[str, str], list[SummaryLine]] = {}
+    found: dict[tuple[str, str], list[Line]] = {}
     for line in lines:
-        found.setdefault((line.engine, line.disturbance), []).append(line)
+        found.setdefault((line["engine"], line["disturbance"]), []).append(line)
     return found
 
 
-def _table(lines: list[SummaryLine], kind: tuple[str, str]) -> Table:
+def _table(lines: list[Line], kind: tuple[str, str]) -> Table:
     heads = ["model"]
     for heading in HEADS[3:]:
         name, bracket, unit = heading.partition(" [")
@@ -94,8 +93,8 @@ def _table(lines: list[SummaryLine], kind: tuple[str, str]) -> Table:
         heads.append(f"{name}\n[{unit}" if bracket else name)
     rows = []
     for line in lines:
-        means = [_two_lines(line.means[name], factor) for name, factor in MEANS]
-        model = Text(line.model, overflow="fold")
+        means = [_two_lines(line[name], factor) for name, factor in MEANS]
+        model = Text(line["model"], overflow="fold")
         # the last two cells are no means
         rows.append([model, *map(Text, (*means, *cells(line)[-2:]))])
     title = f"\n{kind[0]}, disturbance: {kind[1]}"
@@ -105,26 +104,26 @@ def _table(lines: list[SummaryLine], kind: tuple[str, str]) -> Table:
     return table
 
 
-def cells(line: SummaryLine) -> list[str]:
+def cells(line: Line) -> list[str]:
     """A line as texts, one per heading."""
     return [
-        line.model,
-        line.engine,
-        line.disturbance,
-        *(_one_line(line.means[name], factor) for name, factor in MEANS),
-        f"{line.diverged}/{line.episodes}",
-        "–" if line.margin is None else f"{line.margin:.1f}",
+        line["model"],
+        line["engine"],
+        line["disturbance"],
+        *(_one_line(line[name], factor) for name, factor in MEANS),
+        f"{line['diverged']['count']}/{line['episodes']}",
+        "–" if line["margin"] is None else f"{line['margin']:.1f}",
     ]
 
 
-def _one_line(mean: Mean, factor: float) -> str:
-    value, low, high = (_digits(factor * x, 3) for x in mean)
+def _one_line(mean: Mapping[str, float], factor: float) -> str:
+    value, low, high = (_digits(factor * x, 3) for x in mean.values())
     return f"{value} [{low}, {high}]"
 
 
-def _two_lines(mean: Mean, factor: float) -> str:
-    low, high = (_digits(factor * x, 2) for x in mean[1:])
-    return f"{_digits(factor * mean.value, 3)}\n{low}–{high}"
+def _two_lines(mean: Mapping[str, float], factor: float) -> str:
+    low, high = (_digits(factor * x, 2) for x in (mean["low"], mean["high"]))
+    return f"{_digits(factor * mean['value'], 3)}\n{low}–{high}"
 
 
 def _digits(value: float, digits: int) -> str:
@@ -139,9 +138,7 @@ MILLI, PERCENT = 1e3, 100.0
 """Factors from rad, m and 1 to what the figures show."""
 
 
-def write_page(
-    content: Mapping[str, Any], lines: Sequence[SummaryLine], path: Path
-) -> None:
+def write_page(content: Mapping[str, Any], lines: Sequence[Line], path: Path) -> None:
     """Write tracking errors by model, the relation to the torque error, stable bandwidths, and the table.
 
     Args:
@@ -182,7 +179,7 @@ def write_page(
     write_plot_page(path, title, facts, sections, whole=True)
 
 
-def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
+def _figure(content: Mapping[str, Any], lines: Sequence[Line]) -> Figure:
     """Four panels: joint error, tool error, joint error over torque error, and stable bandwidth.
 
     An engine and a disturbance have one colour; the first trace of theirs enters the legend, the others follow it.
@@ -219,15 +216,15 @@ def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
                 **common,
             )
         # too many diverged episodes make a mean infinite
-        shown = [line for line in own if isfinite(line.means["joint_error"].value)]
-        torque = [line.means["torque_error"] for line in shown]
-        joint = [line.means["joint_error"] for line in shown]
+        shown = [line for line in own if isfinite(line["joint_error"]["value"])]
+        torque = [line["torque_error"] for line in shown]
+        joint = [line["joint_error"] for line in shown]
         figure.add_scatter(
-            x=[PERCENT * mean.value for mean in torque],
-            y=[MILLI * mean.value for mean in joint],
+            x=[PERCENT * mean["value"] for mean in torque],
+            y=[MILLI * mean["value"] for mean in joint],
             error_x=_bars(torque, PERCENT),
             error_y=_bars(joint, MILLI),
-            text=[line.model for line in shown],
+            text=[line["model"] for line in shown],
             mode="markers+text",
             textposition="top center",
             marker={"color": colour, "size": 8},
@@ -237,8 +234,8 @@ def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
             **common,
         )
         figure.add_scatter(
-            x=[line.model for line in own],
-            y=[line.margin for line in own],
+            x=[line["model"] for line in own],
+            y=[line["margin"] for line in own],
             mode="markers",
             marker={"color": colour, "size": 10},
             showlegend=False,
@@ -256,10 +253,12 @@ def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
     return figure
 
 
-def _bars(means: Sequence[Mean], factor: float) -> dict[str, Any]:
+def _bars(means: Sequence[Mapping[str, float]], factor: float) -> dict[str, Any]:
     """Error bars of means; an interval without an upper end has no bar above."""
-    above = [factor * (m.high - m.value) if isfinite(m.high) else 0.0 for m in means]
-    below = [factor * (m.value - m.low) for m in means]
+    above = [
+        factor * (m["high"] - m["value"]) if isfinite(m["high"]) else 0.0 for m in means
+    ]
+    below = [factor * (m["value"] - m["low"]) for m in means]
     return {
         "type": "data",
         "symmetric": False,
@@ -276,7 +275,7 @@ DOCUMENT, PAGE, TABLE = "evaluation.json", "evaluation.html", "evaluation.csv"
 
 
 def write_evaluation(
-    content: Mapping[str, Any], lines: Sequence[SummaryLine], folder: Path
+    content: Mapping[str, Any], lines: Sequence[Line], folder: Path
 ) -> list[Path]:
     """Write the page, the episodes as CSV and, as the last, ``evaluation.json``.
 
@@ -303,7 +302,7 @@ def write_evaluation(
 
 
 def evaluation_document(
-    bench: TrackingBench, evaluation: Evaluation, lines: list[SummaryLine]
+    bench: TrackingBench, episodes: Sequence[Episode], lines: list[Line]
 ) -> dict[str, Any]:
     """An evaluation as plain data; numbers that are not finite are ``None``."""
     plan = bench.plan
@@ -321,7 +320,7 @@ def evaluation_document(
             "bandwidth": plan.tuning.bandwidth,
             "damping": plan.tuning.damping,
         },
-        "models": [line.plain() for line in lines],
+        "models": plain(lines, null_if_not_finite=True),
         "rank_correlation_of_torque_and_joint_error": relation(lines),
-        "episodes": plain(evaluation.episodes, null_if_not_finite=True),
+        "episodes": plain(episodes, null_if_not_finite=True),
     }

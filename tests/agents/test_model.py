@@ -1,14 +1,14 @@
 """Models: what they feed forward is what the corrected arm predicts, for one sample and for a series."""
 
 import numpy as np
-from cases import limits, motion_of
+from cases import limits
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gapscope.agents.models import ArmModel
 from gapscope.agents.tracking import Feedforward, Tuning
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.motions.trajectory import Fourier
+from gapscope.arm.motions.trajectory import Fourier, motion_of
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale

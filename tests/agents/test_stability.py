@@ -9,7 +9,6 @@ from gapscope.agents.evaluation import LAWS, EvaluationPlan, TrackingBench
 from gapscope.agents.models import ArmModel, Gravity
 from gapscope.agents.tracking import (
     Feedforward,
-    Measures,
     SampledReference,
     Tuning,
     largest_factor,
@@ -98,12 +97,11 @@ def test_an_arm_with_a_wrong_model_inside_the_loop_shakes() -> None:
         plan = replace(plan, law=law, tuning=Tuning(5.0))
         bench = TrackingBench(arm, (late,), plan)
         for name, model in models.items():
-            (episode,) = bench.episodes(name, model, "pybullet", 0)
-            found[law, name] = Measures(*(episode[x] for x in Measures._fields))
+            (found[law, name],) = bench.episodes(name, model, "pybullet", 0)
     inside = found["computed", "wrong"]
-    assert found["computed", "right"].joint_error < 1e-3
-    assert inside.joint_error > 0.01
-    assert inside.torque_rate > 50 * found["computed", "right"].torque_rate
+    assert found["computed", "right"]["joint_error"] < 1e-3
+    assert inside["joint_error"] > 0.01
+    assert inside["torque_rate"] > 50 * found["computed", "right"]["torque_rate"]
     outside, right = (found["feedforward", name] for name in ("wrong", "right"))
-    assert right.joint_error < 1e-3 < outside.joint_error
-    assert outside.torque_rate < 2 * right.torque_rate
+    assert right["joint_error"] < 1e-3 < outside["joint_error"]
+    assert outside["torque_rate"] < 2 * right["torque_rate"]

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from cases import motion_of, swinging
+from cases import swinging
 from guard import HANG
 from sweeps import daily
 
 from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.motions.trajectory import motion_of
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect

@@ -19,7 +19,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.friction import friction_direction
 from gapscope.effects.severity import draw
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.plain_arm import HELD, holds
+from gapscope.envs.export.plain_arm import TARGETS, holds
 from gapscope.envs.simulated_arm import SimulatedArm
 
 mujoco = pytest.importorskip("mujoco")
@@ -109,7 +109,8 @@ def gap(a: np.ndarray, b: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, effect in CATALOGUE.items() if holds(HELD["mjcf"], effect)]
+    "name",
+    [name for name, effect in CATALOGUE.items() if holds(TARGETS["mjcf"].held, effect)],
 )
 def test_a_held_effect_moves_the_arm_as_it_does_in_the_simulator(
     arm: NominalArm, tmp_path: Path, name: str
@@ -174,23 +175,6 @@ class TestCommand:
 
 
 class TestGear:
-    def hung(self, model: Any) -> tuple[float, float]:
-        """Where motor and link of joint 3 come to rest when 20 N m pull at the motor and the link is held [rad]."""
-        data = mujoco.MjData(model)
-        model.opt.gravity[:] = 0
-        model.dof_damping[:] = 50.0
-        model.dof_armature[model.joint("j3").dofadr] = 1e6
-        data.ctrl[2] = 20.0
-        for _ in range(round(1.0 / model.opt.timestep)):
-            mujoco.mj_step(model, data)
-        return float(data.joint("j3_motor").qpos[0]), float(data.joint("j3").qpos[0])
-
-    def test_plays_before_it_bends(self, arm: NominalArm, tmp_path: Path) -> None:
-        spring = applied("joint_elasticity", 3, stiffness=1000.0, damping=5.0)
-        play = applied("backlash", 3, width=0.01)
-        motor, joint = self.hung(load(arm, (spring, play), tmp_path))
-        assert motor - joint == pytest.approx(0.025, abs=0.0011)
-
     @pytest.mark.parametrize("encoder", ["motor", "joint"])
     def test_is_read_where_the_encoder_sits(
         self, arm: NominalArm, tmp_path: Path, encoder: str

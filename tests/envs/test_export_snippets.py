@@ -29,7 +29,7 @@ from gapscope.envs.effect_ranges import (
     within_nominal,
 )
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.snippets import TARGETS
+from gapscope.envs.export.plain_arm import TARGETS
 
 EFFECTS = (
     AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]}),

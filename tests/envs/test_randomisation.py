@@ -129,12 +129,3 @@ BAD = [
 def test_bad_requests_are_refused(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         Randomisation(**options)
-
-
-def test_a_wrapper_wants_a_randomisation() -> None:
-    env = ArmTracking()
-    with pytest.raises(
-        InputError, match="randomisation: expected Randomisation, got 'payload'"
-    ):
-        RandomiseEffects(env, "payload")
-    env.close()

@@ -16,7 +16,7 @@ from gapscope.agents.evaluation import HELD_OUT, held_out_motion
 from gapscope.agents.models import ArmModel, Gravity, TorqueModel, read_arm
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import read_arrays
+from gapscope.arm.input_file import complete_file, read_arrays
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.motions.named_motions import Workspace, check_motion_name
 from gapscope.arm.motions.trajectory import ReferenceMotion
@@ -129,14 +129,11 @@ class Normalisation:
         Raises:
             InputError: it is missing or not such a file.
         """
-        content = read_arrays(path, "train the agent again")
-        try:
+        remedy = "train the agent again"
+        content = read_arrays(path, remedy)
+        with complete_file(path, "a normalisation", remedy):
             velocity, rate = (tuple(int(x) for x in row) for row in content["places"])
             return cls(content["mean"], content["scale"], velocity, rate)  # type: ignore[arg-type]
-        except (ValueError, TypeError, KeyError, OverflowError) as error:
-            raise InputError(
-                f"is no normalisation ({error})", "train the agent again", file=path
-            ) from None
 
 
 ROUGH = ("pd", "gravity")

@@ -29,7 +29,8 @@ from gapscope.agents.training.task import (
     judge,
 )
 from gapscope.agents.training.training_settings import TrainingSettings
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import GapscopeError, InputError, extra
+from gapscope.arm.input_file import complete_file, read_arrays
 from gapscope.arm.io.atomic_write import atomic_write, folder_aside
 from gapscope.arm.io.json_file import plain, read_json, to_json
 from gapscope.diagnosis.prepare import Progress, silent
@@ -56,15 +57,9 @@ def check_installed() -> None:
     Raises:
         InputError: one of them is not.
     """
-    try:
+    with extra("learn", "an agent"):
         import stable_baselines3  # noqa: F401
         import torch  # noqa: F401
-    except ImportError as error:
-        raise InputError(
-            f"agents need {error.name}, which is not installed",
-            "pip install 'gapscope[learn]'",
-            where="train",
-        ) from None
 
 
 def make_learner(
@@ -177,25 +172,17 @@ def read_weights(learner: Any, path: Path) -> None:
     """
     from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
 
-    remedy = "take the file from another copy, or train the agent again with --again"
-    try:
+    remedy = (
+        "was it cut short? take the file from another copy, or train the agent again "
+        "with --again"
+    )
+    with complete_file(path, "a policy of these settings", remedy):
         _, parameters, variables = load_from_zip_file(
             path, device="cpu", load_data=False
         )
         if not parameters:
             raise ValueError("it holds no networks")
         learner.set_parameters(parameters, exact_match=True, device="cpu")
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror or error})", remedy, file=path
-        ) from None
-    except Exception as error:  # whatever zip and torch say of a broken file
-        said = str(error).split("\n")[0]
-        raise InputError(
-            f"is no policy of these settings, or was cut short ({said})",
-            remedy,
-            file=path,
-        ) from None
     for name, value in (variables or {}).items():
         recursive_setattr(learner, f"{name}.data", value.data)
 
@@ -209,17 +196,17 @@ def write_replay(learner: Any, path: Path) -> None:
 
 
 def read_replay(learner: Any, path: Path) -> None:
-    """Put a replay buffer back."""
-    buffer = learner.replay_buffer
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            for name in ARRAYS:
-                getattr(buffer, name)[: len(content[name])] = content[name]
-            buffer.pos, buffer.full = int(content["pos"]), bool(content["full"])
-    except (OSError, ValueError, KeyError) as error:
-        raise GapscopeError(
-            f"{path}: is no replay buffer ({error})", "train again with --again"
-        ) from None
+    """Put a replay buffer back.
+
+    Raises:
+        InputError: the file is missing, or no such buffer.
+    """
+    buffer, remedy = learner.replay_buffer, "train again with --again"
+    content = read_arrays(path, remedy)
+    with complete_file(path, "a replay buffer", remedy):
+        for name in ARRAYS:
+            getattr(buffer, name)[: len(content[name])] = content[name]
+        buffer.pos, buffer.full = int(content["pos"]), bool(content["full"])
 
 
 # Training in rounds, each seeded anew, so that resumed training is bit-identical: checkpoints, curve and events.
@@ -547,18 +534,6 @@ START = {"learning_rate": 3e-4, "gamma": 0.95, "batch_size": 256}
 """Hyperparameters of the first trial that the settings do not name."""
 
 
-def _check_optuna() -> None:
-    """Check that Optuna is there; raises ``InputError`` otherwise."""
-    try:
-        import optuna  # noqa: F401
-    except ImportError:
-        raise InputError(
-            "needs Optuna, which is not installed",
-            "pip install 'gapscope[tune]'",
-            where="--tune",
-        ) from None
-
-
 def tune(
     task: Task,
     settings: TrainingSettings,
@@ -582,10 +557,10 @@ def tune(
         InputError: Optuna is not installed.
         GapscopeError: the folder cannot be written.
     """
-    _check_optuna()
-    import optuna
-    from optuna.storages import JournalStorage
-    from optuna.storages.journal import JournalFileBackend
+    with extra("tune", "--tune"):
+        import optuna
+        from optuna.storages import JournalStorage
+        from optuna.storages.journal import JournalFileBackend
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:

@@ -928,6 +928,7 @@ class _MjcfReader(_Reader):
         given = "range" in element.attrib and element.get("limited") != "false"
         # degrees are of angles alone
         limits *= self._angle if kind == "revolute" else 1.0
+        lower, upper = limits.tolist() if given else (None, None)
         limit = self._bound(element, "actuatorfrc", place)
         limit = min(limit, self._limits.get(name, np.inf))
         # what pushes the joint and is not simulated is said, not passed over
@@ -948,7 +949,8 @@ class _MjcfReader(_Reader):
             self.several(element, "pos", ZERO, place),
             not given,
             self._mimics.get(name),
-            *(limits.tolist() if given else (None, None)),
+            lower,
+            upper,
             # a limit of zero stands for none
             limit if 0 < limit < np.inf else None,
             None,

@@ -61,6 +61,13 @@ class ReferenceMotion(Protocol):
         """Acceleration [rad/s^2]."""
 
 
+def motion_of(reference: ReferenceMotion, t: np.ndarray) -> Motion:
+    """A reference at uniform times [s], shape (N,); before 0 it rests where it starts."""
+    held, moves = np.maximum(t, 0.0), (t >= 0)[:, None]
+    velocity, acceleration = reference.velocity(held), reference.acceleration(held)
+    return Motion(t, reference.position(held), moves * velocity, moves * acceleration)
+
+
 class Timed(ReferenceMotion):
     """A reference motion that rests outside [0, duration].
 

@@ -24,6 +24,7 @@ from gapscope.arm.dynamics.inertials import (
 from gapscope.arm.dynamics.link_shapes import PlacedShape
 from gapscope.arm.dynamics.plain_urdf import Place, exact_urdf, numbers, set_origin
 from gapscope.arm.dynamics.robot_file import joint_motion
+from gapscope.arm.dynamics.rollout import LONGEST_STEP
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nearest_name import check_known
@@ -34,10 +35,10 @@ from gapscope.envs.drive.arm_drive import (
     mass_matrices,
     substeps,
 )
-from gapscope.envs.effect_ranges import EffectRanges
+from gapscope.envs.effect_ranges import EffectRanges, write_effect_ranges
 from gapscope.envs.export.plain_arm import (
-    FORMATS,
     PASSIVE,
+    TARGETS,
     PlainArm,
     heading,
     left_out,
@@ -46,7 +47,7 @@ from gapscope.envs.export.plain_arm import (
     remarks,
     rendered,
 )
-from gapscope.envs.export.snippets import TARGETS, drawing, write_snippet
+from gapscope.envs.export.snippets import snippet
 
 # A corrected arm as URDF: that of the nominal arm with other inertials, friction and limits, or one of its bodies.
 
@@ -261,8 +262,6 @@ ROUNDING = 1e-9
 """Share by which a moment of inertia may exceed the sum of the others before it counts as odd."""
 LEAST = 1e-12
 """Mass [kg] and moments of inertia [kg m^2] that MuJoCo gives a moving body that has none."""
-LONGEST_STEP = 1e-3
-"""Time step of a file without springs [s]."""
 STIFFEST = 1.0
 """Phase that a bristle's resonance may cover in a step, w dt [rad]: MuJoCo's step of the bristle is explicit."""
 MIN_SHARE = 0.01
@@ -345,6 +344,7 @@ def time_step(arm: PlainArm) -> float:
     Raises:
         InputError: a stiffness needs a step that is too short to be simulated.
     """
+    # without springs as long as rigid bodies are stepped
     drives = arm.drives.iloc[arm.body.order]
     gear = drives["gear"].to_numpy()
     rotors, stiffness, damping, spring = (
@@ -529,8 +529,11 @@ def as_sdf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, ..
 
 WRITERS = {"urdf": as_urdf, "mjcf": as_mjcf, "sdf": as_sdf}
 """Writers of whole arms by format."""
-ALL_FORMATS = (*FORMATS, *TARGETS)
-"""Formats of whole arms, and those of snippets."""
+RANGES_HEAD = (
+    "# Effects between two ends, drawn at every reset, written by gapscope export; SI units, joint side.\n"
+    "# For gapscope/ArmTracking-v0: randomisation=gapscope.envs.effect_ranges.read_effect_ranges(FILE), no effects=.\n"
+)
+"""Comment at the head of a file of ranges."""
 
 
 def export(
@@ -546,7 +549,7 @@ def export(
 
     Args:
         corrected: the arm with its effects.
-        form: one of ``ALL_FORMATS``.
+        form: one of ``TARGETS``.
         out: the file.
         relative: name meshes from the folder of ``out``, not absolutely; whole arms alone have meshes.
         controller: of the case, whose gains a snippet may hold.
@@ -560,29 +563,54 @@ def export(
             total, bodies that no torque can move, or ranges for a format that has none.
         GapscopeError: the file cannot be written.
     """
-    check_known("format", form, ALL_FORMATS, where="format")
-    if form not in TARGETS and ranges is not None:
+    check_known("format", form, TARGETS, where="format")
+    target = TARGETS[form]
+    # ranges have to be diagnosed first: without them such a file would be empty
+    if ranges is None and target.needs_ranges:
         raise InputError(
-            f"a file of {form} has no ranges",
-            f"leave it out, or choose one of {', '.join(drawing())}",
+            f"{form} holds ranges alone",
+            "add --randomise, with diagnosis.json beside corrected.yaml",
+            where="--format",
+        )
+    if ranges is not None and not target.draws:
+        drawing = ", ".join(name for name, each in TARGETS.items() if each.draws)
+        raise InputError(
+            f"{form} has no words for ranges",
+            f"leave it out, or choose one of {drawing}",
             where="--randomise",
         )
     arm = plain_arm(corrected)
-    if form in TARGETS:
-        return write_snippet(arm, form, out, controller, ranges), remarks(arm)
-    written, more = WRITERS[form](arm, out, relative)
-    # comments of the template and of the arm's own file stay
-    comments = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
-    root = ET.fromstring(written, parser=comments)
-    # blanks between elements are taken out, or indenting would leave them
-    for element in root.iter():
-        if not (element.text or "").strip():
-            element.text = None
-    ET.indent(root)
-    comment = ET.tostring(
-        ET.Comment(heading(arm, form, more, relative)), encoding="unicode"
-    )
-    text = f'<?xml version="1.0" encoding="utf-8"?>\n{comment}\n{ET.tostring(root, encoding="unicode")}\n'
+    # our own environment reads ranges as they are: no template
+    if ranges is not None and form == "environment":
+        write_effect_ranges(ranges, out, RANGES_HEAD)
+        return (), remarks(arm)
+    missing = left_out(arm, target)
+    if target.whole:
+        written, more = WRITERS[form](arm, out, relative)
+        missing += more
+        known = [
+            f"Simulate it under gravity of {arm.gravity:g} m/s^2 along -z of the world"
+            + (", as the base is turned into it." if not arm.upright else "."),
+            f"Meshes are named by paths {'from the folder of this file' if relative else 'from the root of the disk'}.",
+        ]
+        # comments of the template and of the arm's own file stay
+        comments = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
+        root = ET.fromstring(written, parser=comments)
+        # blanks between elements are taken out, or indenting would leave them
+        for element in root.iter():
+            if not (element.text or "").strip():
+                element.text = None
+        ET.indent(root)
+        begin, body = (
+            '<?xml version="1.0" encoding="utf-8"?>\n',
+            ET.tostring(root, encoding="unicode") + "\n",
+        )
+    else:
+        begin, body = "", snippet(arm, form, controller, ranges)
+        known = [
+            "Ranges are 95 % intervals of the diagnosis, from the lowest to the highest end of its units."
+        ] * (ranges is not None)
     with atomic_write(out) as aside:
+        text = begin + heading(arm, target, missing, known) + body
         aside.write_text(text, encoding="utf-8")
-    return (*left_out(arm, form), *more), remarks(arm)
+    return missing, remarks(arm)

@@ -11,11 +11,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from textwrap import indent
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
 import pandas as pd
+import yaml
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.description import turn_of_z
@@ -125,6 +128,10 @@ def _known(limit: np.ndarray) -> np.ndarray:
     return np.where(limit > 0, limit, np.inf)
 
 
+EXACT = 1e-12
+"""Frames that differ by less are one [m], [rad]."""
+
+
 class PlainArm(NamedTuple):
     """A corrected arm as bodies and drives.
 
@@ -163,15 +170,14 @@ class PlainArm(NamedTuple):
             for frame in self.frames.values()
             if frame.joint == joint
             and frame.name != "world"
-            and not frame.place.translation.any()
-            and _none(frame.place.rotation)
+            and frame.place.isIdentity(EXACT)
         )
         return next(own, link_name(joint))
 
     @property
     def upright(self) -> bool:
         """Whether the base is oriented like the world."""
-        return _none(self.mount.rotation)
+        return bool(self.mount.isIdentity(EXACT))
 
 
 def plain_arm(corrected: CorrectedArm) -> PlainArm:
@@ -225,11 +231,6 @@ def _shifted(link: Link, zero: float) -> Link:
     return replace(link, origin=link.origin * back, limits=limits)
 
 
-def _none(turn: np.ndarray) -> bool:
-    """Whether a rotation is the identity."""
-    return bool(np.abs(turn - np.eye(3)).max() < 1e-12)
-
-
 def mesh_path(mesh: Path, out: Path, relative: bool) -> str:
     """How a file ``out`` names a mesh: from its own folder, or absolutely."""
     if not relative:
@@ -243,23 +244,10 @@ def mesh_path(mesh: Path, out: Path, relative: bool) -> str:
 TEMPLATES = Path(__file__).parent / "templates"
 LONGEST = 100
 """Characters of a line of Python, beyond which a dict takes several."""
-FORMATS = ("urdf", "mjcf", "sdf")
-"""Formats that can be written."""
-EVERYWHERE = {"body", "load", "gravity", "friction", "damping", "limit", "zero"}
-"""Quantities that every format holds."""
+BODIES = frozenset({"body", "load", "gravity", "zero"})
+"""Quantities of bodies and where they are: in the file of the arm that a snippet belongs to."""
 GEAR = {"gear_stiffness", "gear_damping", "play"}
 """Quantities between a joint and a motor of its own, which needs a rotor."""
-HELD = {
-    "urdf": EVERYWHERE,
-    "sdf": EVERYWHERE | {"stiffness", "rest"},
-    "mjcf": EVERYWHERE
-    | {"stiffness", "rest", "rotor", "delay", "lag", "scale", "offset"}
-    | {"breakaway", "breakaway_speed", "saturating", "saturating_speed"}
-    | {"ripple", "ripple_cycles", "ripple_phase"}
-    | {"motor_friction", "motor_damping", "motor_rotor"}
-    | GEAR,
-}
-"""Quantities that a format holds."""
 
 NOT_FOUND = "is not found"
 """How it ends what is said of a mesh that is not there."""
@@ -335,47 +323,72 @@ def table(values: Mapping[str, Any], indent: int = 0) -> str:
     return "{\n" + rows + " " * indent + "}"
 
 
-def heading(arm: PlainArm, form: str, more: tuple[str, ...], relative: bool) -> str:
-    """Text of the comment.
+class Target(NamedTuple):
+    """A format that can be written; the texts of all are files of ``templates``, but for that of URDF.
+
+    Attributes:
+        name: of the format.
+        title: its simulator and the versions whose words are used.
+        held: quantities that the format holds, as far as ``hints`` says; see ``gapscope.effects.effect.QUANTITIES``.
+        hints: what else there is to say on a quantity.
+        notes: what to know of the simulator, a sentence each.
+        model: format of the file of bodies that a snippet belongs to; empty if it has none.
+        whole: whether it holds the whole arm, not a snippet.
+        xml: whether it is XML, and the comment at its head too.
+        needs_ranges: whether there is nothing to write without ranges.
+        draws: whether ranges can be written.
+    """
+
+    name: str
+    title: str
+    held: Sequence[str]
+    hints: Mapping[str, str] = MappingProxyType({})
+    notes: Sequence[str] = ()
+    model: str = "urdf"
+    whole: bool = False
+    xml: bool = False
+    needs_ranges: bool = False
+    draws: bool = True
+
+
+TARGETS = {
+    name: Target(name, **fields)
+    for name, fields in yaml.safe_load(
+        (TEMPLATES / "targets.yaml").read_text(encoding="utf-8")
+    ).items()
+}
+"""Formats by their names."""
+
+
+def heading(
+    arm: PlainArm, target: Target, missing: Sequence[str], known: Sequence[str]
+) -> str:
+    """The comment at the head of a file: what it is, what it leaves out, what to know.
 
     Args:
         arm: the arm.
-        form: the format.
-        more: what the writer of the format has to say beyond what is left out.
-        relative: whether meshes are named from the folder of the file.
+        target: the format.
+        missing: what is left out, a sentence each.
+        known: what to know beside the notes of the format.
     """
-    lines = [
-        f"Corrected arm of {arm.body.file.name}, written by gapscope export; SI units. {effects_line(arm)}",
-        f"Simulate it under gravity of {arm.gravity:g} m/s^2 along -z of the world"
-        + (", as the base is turned into it." if not arm.upright else "."),
-        f"Meshes are named by paths {'from the folder of this file' if relative else 'from the root of the disk'}.",
-    ]
-    missing = [*left_out(arm, form), *more]
-    lines += (
-        ["Left out:", *(f"  {line}" for line in missing)]
-        if missing
-        else ["Nothing is left out."]
-    )
-    if odd := remarks(arm):
-        lines += [
-            "Odd, and some simulators change such inertias:",
-            *(f"  {line}" for line in odd),
-        ]
-    return xml_comment(lines)
-
-
-def effects_line(arm: PlainArm) -> str:
-    """Which effects an exported arm has."""
     names = ", ".join(dict.fromkeys(e.name for e in arm.corrected.effects))
-    return f"Effects: {names or 'none'}."
-
-
-def xml_comment(lines: Sequence[str]) -> str:
-    """Lines as the text of a comment of XML."""
+    lines = [
+        f"Corrected arm of {arm.body.file.name} for {target.title}, written by gapscope export;",
+        f"SI units, joint side. Effects: {names or 'none'}.",
+    ]
+    for title, said in (
+        ("Left out, or held in part:", missing or ["nothing"]),
+        ("To know:", (*known, *target.notes)),
+        ("Odd, and some simulators change such inertias:", remarks(arm)),
+    ):
+        if said:
+            lines += [title, *(f"  {line}" for line in said)]
     text = "\n".join(lines)
-    while "--" in text:  # which it may not hold
+    if not target.xml:
+        return indent(text, "# ") + "\n\n"
+    while "--" in text:  # which no comment of XML may hold
         text = text.replace("--", "- -")
-    return f"\n{text}\n"
+    return f"<!--\n{text}\n-->\n"
 
 
 def holds(
@@ -385,55 +398,59 @@ def holds(
     return all(effect.quantities.get(x) in held for x in given or effect.needed)
 
 
-def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
-    """What a file of this format leaves out of a corrected arm, in words and figures."""
+def left_out(arm: PlainArm, target: Target) -> tuple[str, ...]:
+    """What a file of this format does not hold of a corrected arm, or not as it is, in words and figures."""
     corrected = arm.corrected
-    more: list[str] = []
-    # rotors are told in total, nominal and found
-    held = HELD[form] | {"rotor"}
-    lines = [
-        described(e, corrected.arm)
-        for e in corrected.effects
-        if not holds(held, e.effect, e.given)
-    ]
-    gear, rotors, distances = (
-        arm.drives[name].to_numpy() for name in ("gear", "rotor", "presliding")
-    )
-    # the format holds gears, but not one without a rotor behind it
-    if form == "mjcf":
-        for applied in corrected.effects:
-            rigid = [joint for joint in applied.joints if not gear[joint - 1]]
-            if rigid and not GEAR.isdisjoint(applied.effect.quantities.values()):
+    held = set(target.held)
+    if target.whole:
+        # rotors are told in total, nominal and found
+        held.add("rotor")
+    gear, rotors, distances = (arm.drives[x] for x in ("gear", "rotor", "presliding"))
+    lines = []
+    for applied in corrected.effects:
+        effect = applied.effect
+        quantities = effect.quantities.values()
+        # the first hint that fits says what to do in place of the general one
+        hint = next((target.hints[x] for x in quantities if x in target.hints), None)
+        if hint is None and holds(held, effect, applied.given):
+            # the format holds gears, but not one without a rotor behind it
+            rigid = [joint for joint in applied.joints if not gear.iloc[joint - 1]]
+            if rigid and not GEAR.isdisjoint(quantities):
                 lines.append(
                     f"{applied.name}{_joints(rigid)}: a motor of its own needs a rotor; give nominal.armature in the "
                     "data sheet, or add the effect armature"
                 )
-        if (arm.drives["velocity"] < np.inf).any():
-            more.append("velocity limits of the joints: MuJoCo knows none")
-    else:
-        # URDF and SDF have no place for rotors: their figures are told instead
-        if rotors.any():
-            lines.append(
-                f"armature (nominal and found), joints in order: inertia {_figures(rotors)} kg m^2"
-            )
-        if distances.any():
-            lines.append(
-                f"presliding, joints in order: distance {_figures(distances)} rad (friction of the file sets in at "
-                "once)"
-            )
+            continue
+        # what is of bodies is in the file of bodies that goes with a snippet
+        if hint is None and target.model and holds(BODIES, effect):
+            hint = f"in the file of gapscope export --format {target.model}, which this belongs to"
+        lines.append(described(applied, corrected.arm, hint))
+    if target.whole and "rotor" not in target.held and rotors.any():
+        lines.append(
+            f"armature (nominal and found), joints in order: inertia {_figures(rotors.to_numpy())} kg m^2"
+        )
+    if "presliding" not in held and distances.any():
+        figures = ", ".join(f"{n} {x:.6g}" for n, x in distances.items() if x)
+        lines.append(
+            f"presliding, {figures} rad: dry friction sets in at once, not over this distance"
+        )
     if corrected.residual is not None:
-        lines.append("residual network: it predicts torque and moves nothing")
+        lines.append(
+            "residual network: residual.onnx of gapscope residual --onnx predicts torque; nothing here calls it"
+        )
+    if not target.whole:
+        return tuple(lines)
     if corrected.arm.encoder_step:
         lines.append(
             f"resolution of the encoders: {corrected.arm.encoder_step:.4g} rad"
         )
+    if target.name == "mjcf" and (arm.drives["velocity"] < np.inf).any():
+        lines.append("velocity limits of the joints: MuJoCo knows none")
     # of a URDF the elements stay as they are, if their mesh is in a package that may be elsewhere
-    kept = [
-        form == "urdf" and x.endswith(NOT_FOUND) and "://" in x for x in arm.missing
-    ]
-    ends = (", its name is kept" if name_kept else "" for name_kept in kept)
-    shapes = (x + end for x, end in zip(arm.missing, ends, strict=True))
-    return (*lines, *more, *shapes)
+    for said in arm.missing:
+        kept = target.name == "urdf" and said.endswith(NOT_FOUND) and "://" in said
+        lines.append(said + ", its name is kept" * kept)
+    return tuple(lines)
 
 
 def remarks(arm: PlainArm) -> tuple[str, ...]:

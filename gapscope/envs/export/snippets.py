@@ -7,39 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-import yaml
 
 from gapscope.arm.controller import Controller
-from gapscope.arm.errors import InputError
-from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
-from gapscope.envs.effect_ranges import EffectRanges, write_effect_ranges
+from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.export.plain_arm import (
-    TEMPLATES,
+    TARGETS,
     PlainArm,
-    described,
-    effects_line,
-    holds,
     joint_drives,
     rendered,
-    xml_comment,
 )
 
-BODIES = frozenset({"body", "load", "gravity", "zero"})
-"""Quantities of bodies and where they are: in the file of the arm that a snippet belongs to."""
-HEAD = (
-    "# Effects between two ends, drawn at every reset, written by gapscope export; SI units, joint side.\n"
-    "# For gapscope/ArmTracking-v0: randomisation=gapscope.envs.effect_ranges.read_effect_ranges(FILE), no effects=.\n"
-)
-"""Comment of their file."""
 MIN_SHARE = 0.01
 """Share of a link's mass that remains at the lower end of a range [1]."""
 
@@ -233,142 +217,23 @@ def _moments(plain: PlainArm, corrected: CorrectedArm) -> tuple[np.ndarray, np.n
     return total[:, 0], total[:, 1:4]
 
 
-class Target(NamedTuple):
-    """A simulator; the text below the head of its snippet is a file of ``templates``.
-
-    Attributes:
-        name: of the format.
-        title: its name and the versions whose words are used.
-        held: quantities that the snippet holds, as far as ``hints`` says; see ``gapscope.effects.effect.QUANTITIES``.
-        hints: what else there is to say on a quantity.
-        notes: what to know of the simulator, a sentence each.
-        model: format of the file of bodies that it belongs to; empty if the snippet has none.
-        comment: how a line of comment begins; ``<!--`` stands for one comment in XML.
-        needs_ranges: whether there is nothing to write without ranges.
-        draws: whether ranges can be written.
-    """
-
-    name: str
-    title: str
-    held: Sequence[str]
-    hints: Mapping[str, str] = MappingProxyType({})
-    notes: Sequence[str] = ()
-    model: str = "urdf"
-    comment: str = "#"
-    needs_ranges: bool = False
-    draws: bool = True
-
-    def text(self, arm: SnippetArm) -> str:
-        """The snippet."""
-        # the head is the same for all, in the comment signs of the language
-        xml = ".xml" if self.comment == "<!--" else ""
-        body = rendered(f"{self.name}{xml}.j2", arm=arm, joints=arm.joints)
-        return self.head(arm) + body.lstrip("\n")
-
-    def head(self, arm: SnippetArm) -> str:
-        """The comment at its head: what it is, what it leaves out, what to know."""
-        plain = arm.plain
-        lines = [
-            f"Corrected arm of {plain.body.file.name} for {self.title}, written by gapscope export;",
-            f"SI units, joint side. {effects_line(plain)}",
-        ]
-        if arm.ranges is not None:
-            lines.append(
-                "Ranges are 95 % intervals of the diagnosis, from the lowest to the highest end of its units."
-            )
-        missing = self.left_out(arm)
-        lines.append(
-            "Left out, or held in part:" if missing else "Nothing is left out."
-        )
-        lines += [f"  {line}" for line in missing]
-        if self.notes:
-            lines.append("To know:")
-        lines += [f"  {note}" for note in self.notes]
-        if self.comment == "<!--":
-            return f"<!--{xml_comment(lines)}-->\n"
-        return "".join(f"{self.comment} {line}\n" for line in lines) + "\n"
-
-    def left_out(self, arm: SnippetArm) -> tuple[str, ...]:
-        """What the snippet does not hold, or not as it is, in words and figures."""
-        corrected = arm.plain.corrected
-        lines = []
-        for applied in corrected.effects:
-            effect = applied.effect
-            said = (
-                self.hints[x] for x in effect.quantities.values() if x in self.hints
-            )
-            # the first hint that fits says what to do in place of the general one
-            hint = next(said, None)
-            if hint is None and holds(self.held, effect, applied.given):
-                continue
-            # what is of bodies is in the file of bodies that goes with the snippet
-            if hint is None and self.model and holds(BODIES, effect):
-                hint = f"in the file of gapscope export --format {self.model}, which this belongs to"
-            lines.append(described(applied, corrected.arm, hint))
-        distances = arm.plain.drives["presliding"]
-        if distances.any():
-            figures = ", ".join(f"{n} {x:.3g}" for n, x in distances.items() if x)
-            lines.append(
-                f"presliding, {figures} rad: dry friction sets in at once, not over this distance"
-            )
-        if corrected.residual is not None:
-            lines.append(
-                "residual network: residual.onnx of gapscope residual --onnx predicts torque; nothing here calls it"
-            )
-        return tuple(lines)
-
-
-TARGETS = {
-    name: Target(name, **fields)
-    for name, fields in yaml.safe_load(
-        (TEMPLATES / "targets.yaml").read_text(encoding="utf-8")
-    ).items()
-}
-"""Targets by the name of their format."""
-
-
-def write_snippet(
+def snippet(
     plain: PlainArm,
     form: str,
-    out: Path,
     controller: Controller | None,
     ranges: EffectRanges | None,
-) -> tuple[str, ...]:
-    """Write the snippet of an arm for a simulator; ``out`` never holds half of it.
+) -> str:
+    """The snippet of an arm for a simulator, without its head.
 
     Args:
         plain: the arm.
         form: one of ``TARGETS``.
-        out: the file.
         controller: that of the case, or ``None``.
         ranges: to be drawn from, or ``None``.
 
-    Returns:
-        What it leaves out, a sentence each.
-
     Raises:
-        InputError: ranges are missing, the simulator has no words for them, or friction or armature is negative in
-            total.
-        GapscopeError: the file cannot be written.
+        InputError: friction or armature is negative in total.
     """
-    target = TARGETS[form]
-    # ranges have to be diagnosed first: without them such a file would be empty
-    if ranges is None and target.needs_ranges:
-        raise InputError(
-            f"{form} holds ranges alone",
-            "add --randomise, with diagnosis.json beside corrected.yaml",
-            where="--format",
-        )
-    if ranges is not None and not target.draws:
-        raise InputError(
-            f"{form} has no words for ranges",
-            f"leave it out, or choose one of {', '.join(drawing())}",
-            where="--randomise",
-        )
-    # our own environment reads ranges as they are: no template
-    if ranges is not None and form == "environment":
-        write_effect_ranges(ranges, out, HEAD)
-        return ()
     corrected = plain.corrected
     # without ranges both ends are the value
     joints = low = high = _joints(plain, corrected, controller)
@@ -381,11 +246,5 @@ def write_snippet(
         # the file of bodies has no ranges: their masses are added on top
         bodies = _bodies(plain, ranges)
     arm = SnippetArm(plain, joints, low, high, bodies, ranges)
-    with atomic_write(out) as aside:
-        aside.write_text(target.text(arm), encoding="utf-8")
-    return target.left_out(arm)
-
-
-def drawing() -> tuple[str, ...]:
-    """Names of the targets that hold ranges."""
-    return tuple(name for name, target in TARGETS.items() if target.draws)
+    template = f"{form}{'.xml' if TARGETS[form].xml else ''}.j2"
+    return rendered(template, arm=arm, joints=arm.joints).lstrip("\n")

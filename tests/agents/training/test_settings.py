@@ -77,14 +77,3 @@ def test_unknown_agents_are_told() -> None:
         read_settings("pppo")
     with pytest.raises(InputError, match="no such file"):
         read_settings("missing.yaml")
-
-
-def test_numbers_may_be_written_with_an_exponent_alone(tmp_path: Path) -> None:
-    """1e-4 is text to YAML 1.1."""
-    file = tmp_path / "agent.yaml"
-    file.write_text("hyperparameters: {learning_rate: 1e-4}\ntolerance: 2e-3\n")
-    settings = read_settings(file)
-    assert (settings.hyperparameters["learning_rate"], settings.tolerance) == (
-        1e-4,
-        2e-3,
-    )

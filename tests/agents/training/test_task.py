@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import limits, motion_of
+from cases import limits
 
 from gapscope.agents.models import ArmModel
 from gapscope.agents.training.task import Task, idle, judge
@@ -16,7 +16,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Fourier
+from gapscope.arm.motions.trajectory import Fourier, motion_of
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect

@@ -228,11 +228,13 @@ def test_a_trained_agent_is_evaluated_beside_models(
     plan = EvaluationPlan(
         motions=("fourier",), seeds=(0,), disturbances=("none",), duration=1.0
     )
-    found = evaluate({"pd": None, "agent": agent}, TrackingBench(arm, (), plan))
-    pd, own = ({**episode, "model": ""} for episode in found.episodes)
+    episodes, margins = evaluate(
+        {"pd": None, "agent": agent}, TrackingBench(arm, (), plan)
+    )
+    pd, own = ({**episode, "model": ""} for episode in episodes)
     kept = trained.curve[trained.best]["steps"]
     assert (own == pd) == (kept == 0) and np.isfinite(own["joint_error"])
-    assert set(found.margins) == {(name, plan.engines[0]) for name in ("pd", "agent")}
+    assert set(margins) == {(name, plan.engines[0]) for name in ("pd", "agent")}
 
     document = json.loads((tmp_path / "agent.json").read_text())
     document["model"] = "gone/corrected.yaml"

@@ -14,7 +14,6 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.import_section import parse_import
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.log import open_log
-from gapscope.arm.io.write_case import write_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
@@ -107,24 +106,6 @@ def test_files_that_are_not_what_their_ending_says(
     path.write_bytes(content)
     with pytest.raises(InputError, match=f"log.{ending}"):
         open_log(path)
-
-
-@pytest.mark.parametrize("ending", ["h5", "mat", "npz", "parquet"])
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
-def test_truncated(ending: str, share: float, tmp_path: Path) -> None:
-    path = tmp_path / f"log.{ending}"
-    if ending == "h5":
-        with h5py.File(path, "w") as file:
-            file["t"], file["q"] = T, Q
-    elif ending == "mat":
-        scipy.io.savemat(path, {"t": T, "q": Q}, do_compression=True)
-    else:
-        write_recording(Recording("log", T, Q), path)
-    content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(InputError, match=f"log.{ending}: cannot be read") as caught:
-        open_log(path)
-    assert "is the file complete?" in caught.value.remedy
 
 
 def test_a_declared_size_beyond_memory_is_left_unread(tmp_path: Path) -> None:

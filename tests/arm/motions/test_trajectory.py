@@ -176,21 +176,6 @@ def test_inverse_kinematics_finds_the_posture_it_came_from_and_says_when_out_of_
         inverse_kinematics(kinematics, far, posture)
 
 
-def test_tool_jacobian_agrees_with_finite_differences(space: Workspace) -> None:
-    kinematics, posture, h = space.kinematics, space.posture, 1e-6
-    points = kinematics.skeleton(posture)
-    assert points.shape == (len(posture) + 2, 3) and not points[0].any()
-    assert np.abs(points[-1] - kinematics.tool(posture).translation).max() < 0.05
-    jacobian = kinematics.tool_jacobian(posture)
-    for step, column in zip(h * np.eye(len(posture)), jacobian.T, strict=True):
-        ahead, behind = (kinematics.tool(posture + s * step) for s in (1, -1))
-        slope = (ahead.translation - behind.translation) / (2 * h)
-        np.testing.assert_allclose(slope, column[:3], atol=1e-8)
-        spin = (ahead.rotation @ behind.rotation.T - np.eye(3)) / (2 * h)
-        about = [spin[2, 1], spin[0, 2], spin[1, 0]]
-        np.testing.assert_allclose(about, column[3:], atol=1e-5)
-
-
 def test_fastest_point_to_point_meets_a_limit() -> None:
     sides, most = np.full(2, 3.0), np.array([2.0, 50.0])
     limits = Limits(-sides, sides, np.ones(2), most)

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import Link, chain
-from cases import motion_of, panda_case, panda_motion
+from cases import panda_case, panda_motion
 
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS
 from gapscope.arm.errors import InputError
+from gapscope.arm.motions.trajectory import motion_of
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.identification import IdentificationSettings, identify

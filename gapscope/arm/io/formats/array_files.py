@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.constants import giga
 
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import InputError, extra
 from gapscope.arm.input_file import (
     LARGEST_IN_MEMORY,
     LARGEST_UNPACKED,
@@ -63,12 +63,8 @@ def read_mat(path: Path) -> Log:
 
 def _hdf5_arrays(path: Path, separator: str) -> tuple[dict[str, np.ndarray], list[str]]:
     """Numeric arrays of one or two axes by name, and what else there is."""
-    try:
+    with extra("hdf5", "the file", path):
         import h5py
-    except ImportError:
-        raise InputError(
-            "needs h5py to be read", "pip install 'gapscope[hdf5]'", file=path
-        ) from None
     arrays: dict[str, np.ndarray] = {}
     unread: list[str] = []
 

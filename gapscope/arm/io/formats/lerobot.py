@@ -98,18 +98,12 @@ def _info(path: Path) -> Mapping[str, Any]:
     """What the dataset says of itself."""
     file = path / INFO
     info = read_json(file, "is the dataset complete?")
-    try:
-        fps, features = float(info["fps"]), info["features"]
-        complete = fps > 0 and all(isinstance(f, dict) for f in features.values())
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
-        raise InputError(
-            f"cannot be read as the description of a LeRobot dataset ({error!r})",
-            "is the dataset complete? it needs fps and features",
-            file=file,
-        ) from None
-    if not complete:
-        raise InputError("lacks the rate or the features", file=file)
-    return dict(info)
+    remedy = "is the dataset complete? it needs fps and features"
+    with complete_file(file, "the description of a LeRobot dataset", remedy):
+        features = info["features"].values()
+        if not (float(info["fps"]) > 0 and all(isinstance(f, dict) for f in features)):
+            raise ValueError("it lacks the rate or the features")
+        return dict(info)
 
 
 def _names(feature: Mapping[str, Any]) -> list[str]:
