@@ -622,8 +622,8 @@ def document(found: Agreement) -> dict[str, Any]:
     content = {
         "schema": 1,
         "case": found.case.name,
-        "joints": list(found.case.arm.joints),
-        "recordings": list(found.labels),
+        "joints": found.case.arm.joints,
+        "recordings": found.labels,
         "friction_law": "Coulomb and viscous friction",
         "false_alarm_rate": FALSE_ALARM_RATE,
         "level": 1.0 - NAMED_PROBABILITY,
@@ -647,7 +647,7 @@ def states(found: Agreement) -> dict[str, Any]:
     differing = found.having(DIFFERS)
     content = {
         "shared": not differing,
-        "recordings": list(found.labels),
+        "recordings": found.labels,
         "differs": [
             {
                 "name": line.name,
@@ -701,8 +701,8 @@ def _explanation(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
     alone = explanation.alone
     return {
         "text": goes_with(line, found.labels),
-        "covariates": list(explanation.goes_with),
+        "covariates": explanation.goes_with,
         "recording": None if alone is None else found.labels[alone],
         "shares": explanation.shares,
-        "differ": list(explanation.changed),
+        "differ": explanation.changed,
     }

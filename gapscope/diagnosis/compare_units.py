@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from scipy.stats import chi2
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.document.diagnosis_json import read_document
@@ -294,7 +295,7 @@ def _shared(
                 "unit": first[name, component].unit,
                 "value": values,
                 "std": stds,
-                "together": together and asdict(together),
+                "together": together and vars(together),
             }
         )
     # one rate of false alarms over all numbers of the effect
@@ -574,21 +575,23 @@ def units_document(
     made: Sequence[tuple[FleetGroup, Sequence[ConfusionColumn]]], alone: Sequence[str]
 ) -> dict[str, Any]:
     """Content of ``units.json``: per type of arm the effects compared and, with columns, the confusion."""
-    return {
+    content = {
         "schema": 1,
         "groups": [
             {
                 "robot": group.robot,
-                "joints": list(group.joints),
+                "joints": group.joints,
                 "units": list(group.documents),
-                "nominal_differs": list(group.differ),
+                "nominal_differs": group.differ,
                 "effects": compare(group.documents),
                 "confusion": _confusion(columns, group.left_out),
             }
             for group, columns in made
         ],
-        "alone": list(alone),
+        "alone": alone,
     }
+    document: dict[str, Any] = plain(content)
+    return document
 
 
 def _differ(units: Sequence[FleetUnit]) -> tuple[str, ...]:
@@ -624,15 +627,14 @@ def _confusion(
     shown = [c for c in columns if not c.problem]
     # a unit whose own recordings fail still has a row: its arm predicts the others
     rows = [NOMINAL, *(c.unit for c in columns)] if shown else []
-    per_joint = [[c.torque_nrmse.get(row) for c in shown] for row in rows]
     return {
         "rows": rows,
         "columns": [c.unit for c in shown],
         "torque_nrmse": [[c.mean(row) for c in shown] for row in rows],
         "torque_nrmse_per_joint": [
-            [None if v is None else v.tolist() for v in line] for line in per_joint
+            [c.torque_nrmse.get(row) for c in shown] for row in rows
         ],
         "best": {c.unit: c.best for c in shown},
-        "confused_with": {c.unit: list(c.confused_with) for c in shown},
+        "confused_with": {c.unit: c.confused_with for c in shown},
         "left_out": {**left_out, **{c.unit: c.problem for c in columns if c.problem}},
     }

@@ -396,8 +396,8 @@ class Comparison:
                 std = np.hypot(std, SAMPLING_SKEW)
             out[parameter.name] = {
                 "unit": parameter.unit,
-                "value": value.tolist(),
-                "std": std.reshape(value.shape).tolist(),
+                "value": value,
+                "std": std.reshape(value.shape),
             }
         return out
 

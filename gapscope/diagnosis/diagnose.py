@@ -268,9 +268,11 @@ class SheetComparison(Document):
         harm on motions without any.
         """
         arm, rows = self.case.arm, self.rows
-        dry = has_dry_friction(
-            (t for name in self.named for t in self._terms(name)), arm.n_joints
-        )
+        # joints with dry friction of their own
+        dry = np.zeros(arm.n_joints, dtype=bool)
+        for term in (t for name in self.named for t in self._terms(name)):
+            if isinstance(term.definition, DryLaw) and term.definition.reach == "joint":
+                dry[term.joint - 1] = True
         if not dry.any():
             return np.zeros(arm.n_joints)
         # a slide counts metres; zero, the law as it is, comes first
@@ -386,8 +388,7 @@ class SheetComparison(Document):
         for parameter in by_commands.given:
             # searched parameters and link numbers are no coordinates
             if parameter not in (*nonlinear, "link"):
-                value = by_commands.parameters[parameter]
-                out[parameter]["by_commands"] = value.tolist()
+                out[parameter]["by_commands"] = by_commands.parameters[parameter]
         return out
 
     @property
@@ -511,15 +512,6 @@ class SheetComparison(Document):
             )
             terms = [one.term for one in more]
             yield _considered(terms, value - here, float(closed.sum()), reason)
-
-
-def has_dry_friction(terms: Iterator[Term], n_joints: int) -> np.ndarray:
-    """Which joints have a term of dry friction of their own, shape (n,)."""
-    dry = np.zeros(n_joints, dtype=bool)
-    for term in terms:
-        if isinstance(term.definition, DryLaw) and term.definition.reach == "joint":
-            dry[term.joint - 1] = True
-    return dry
 
 
 def _considered(

@@ -731,7 +731,7 @@ class ReferenceComparison(Document):
             "inherent": [
                 {
                     "effect": effect.name,
-                    "joints": list(effect.joints),
+                    "joints": effect.joints,
                     "parameters": {
                         name: effect.parameters[name] for name in effect.given
                     },

@@ -12,6 +12,7 @@ import yaml
 from gapscope.arm.case import Case
 from gapscope.arm.display import effect_name, listing
 from gapscope.arm.joint_units import common_unit
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.document.wording import (
     another_scale,
@@ -74,19 +75,15 @@ class SetUp:
 
     Attributes:
         faults: faults of the set-up, in the order in which they must be corrected.
-        n_joints: of the arm.
-        unit: of its torques, ``N`` of slides.
-        gravity: that the case says, in the frame of the base [m/s^2], (3,).
-        shown: that the torque shows, the faults put right; the same object unless the base is mounted turned.
+        arm: nominal arm, the faults put right, with the gravity that the case says.
+        shown: gravity that the torque shows [m/s^2], (3,); the arm's own object unless the base is mounted turned.
         off: RMS over the joints of the nominal arm's gap, the faults put right [1]; ``None`` if it makes no sense.
         another_arm: whether the recordings are of another arm than the nominal one.
         factor: on all torques that explains them decisively better, and its deviation [1]; ``None`` if none does.
     """
 
     faults: tuple[FoundFault, ...]
-    n_joints: int
-    unit: str
-    gravity: np.ndarray
+    arm: NominalArm
     shown: np.ndarray
     off: float | None
     another_arm: bool
@@ -95,30 +92,31 @@ class SetUp:
     @property
     def misreads(self) -> bool:
         """Whether the case reads another arm out of its log than was recorded: bodies fitted so are those of no arm."""
-        turned = self.shown is not self.gravity
-        mends = (_mend(fault, self.n_joints) for fault in self.faults)
+        turned = self.shown is not self.arm.gravity
+        mends = (_mend(fault, self.arm.n_joints) for fault in self.faults)
         return self.another_arm or turned or any(mends)
 
     def remarks(self) -> Iterator[Remark]:
         """What is wrong, each with the line that puts it right; or that nothing is."""
         for fault in self.faults:
-            yield fault_remark(fault, self.n_joints)
+            yield fault_remark(fault, self.arm.n_joints)
         if self.factor is not None:
             yield Remark("warn", "torque", "", *another_scale(*self.factor))
         if self.off is None:
             return
         said, remedy = misread(
-            self.off, self.shown, self.gravity, another=self.another_arm
+            self.off, self.shown, self.arm.gravity, another=self.another_arm
         )
         if said:
             yield Remark("warn", "torque", "", said, remedy)
         # nothing but stamps is wrong: the columns are read right
         elif self.factor is None and all(_topic(f) == "time" for f in self.faults):
+            unit = common_unit("N m", self.arm.sliding)
             yield Remark(
                 "ok",
                 "torque",
                 "",
-                f"in {self.unit} of the joint, gravity included: no other unit, sign, order or clock of the columns "
+                f"in {unit} of the joint, gravity included: no other unit, sign, order or clock of the columns "
                 f"explains it better; the nominal arm is off by {much(self.off)} it",
             )
 
@@ -142,9 +140,7 @@ def look_at_set_up(case: Case, seen: Sequence[FoundFault] = ()) -> SetUp:
     return SetUp(
         # references were put right before the rest could be looked for
         faults=(*seen, *found),
-        n_joints=case.arm.n_joints,
-        unit=common_unit("N m", case.arm.sliding),
-        gravity=right.arm.gravity,
+        arm=right.arm,
         shown=mounted.arm.gravity,
         off=None if gap is None else float(rms(gap, None)),
         another_arm=another,

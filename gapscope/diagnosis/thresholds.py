@@ -18,7 +18,6 @@ import numpy as np
 
 from gapscope.arm.io.layouts import UNITS
 from gapscope.model.conditioning import MIN_CUTOFF, TORQUE_CUTOFF, TRIM
-from gapscope.model.contrast import SIZES
 from gapscope.model.design import LIKELY
 from gapscope.model.equations import MIN_NOISE
 from gapscope.model.readings import FAULT_SIGN_WIDTH, ORDINARY_ERROR
@@ -176,8 +175,8 @@ ROWS_PER_CUTOFF = PER_CUTOFF  # Rows per period of the torque gap's cut-off; mor
 FOURIER_FEATURES = 60
 # Time beside the border between two folds that is not fitted [s]: held-out rows have no neighbours in it. (definition)
 FOLD_GUARD = TRIM
-# Strengths of the ridge that are tried, over the mean square of the columns: of effects of all sizes [1]. (budget)
-RIDGE_STRENGTHS = tuple(size**2 for size in SIZES)
+# Strengths of the ridge that are tried, over the mean square of the columns [1]. (budget)
+RIDGE_STRENGTHS = (3e-4, 3e-3, 3e-2, 0.3, 3.0)
 MIN_OSCILLATION = 0.5  # Lowest frequency of an oscillation [Hz]: a slow motion does what is below. (hand)
 MAX_OSCILLATION = TORQUE_CUTOFF  # Highest frequency of an oscillation [Hz]: the band of the torque gap. (definition)
 # Frequencies that are tried per resolution 1 / duration: the phase has to last over the prediction. (budget)

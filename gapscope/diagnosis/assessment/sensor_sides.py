@@ -125,7 +125,7 @@ def find_sides(
     zero, gain, lag = errors.T
     effects = []
     for effect in corrected.effects:
-        about = {"effect": effect.name, "joints": list(effect.joints)}
+        about = {"effect": effect.name, "joints": effect.joints}
         effects.append({**about, "side": effect.effect.side})
     return {
         **sides,

@@ -246,7 +246,8 @@ class Document(Comparison):
             sorted(map(self._finding, names), key=lambda finding: -finding["share"])
             for names in (self.named, self.possible)
         )
-        found = with_torques_turned(found, self.declared.n_joints)
+        n_joints = self.declared.n_joints
+        found = [with_torques_turned(finding, n_joints) for finding in found]
         here = with_faults(found, prepared.faults, gap)
         # after the shares are one whole: another state has a gap of its own
         effects = with_states(here, prepared.states, self.terms, self.own_theta)
@@ -435,7 +436,7 @@ class Document(Comparison):
         }
         return {
             "effect": applied.name,
-            "joints": list(applied.joints),
+            "joints": applied.joints,
             "probability": probability,
             "set": names_of(applied.name, probability, alternatives),
             "support": self.support(name),

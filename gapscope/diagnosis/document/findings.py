@@ -97,7 +97,7 @@ def alternative_entry(effect: str, other: Alternative) -> dict[str, Any]:
     """An alternative to an effect as the document holds it."""
     return {
         "effect": other.effect,
-        "joints": list(other.joints),
+        "joints": other.joints,
         "probability": other.probability,
         "evidence": other.evidence,
         "separated_by": separated_by(effect, other),
@@ -201,7 +201,7 @@ def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
     share = (gap.recorded - only).sum() / gap.whole
     return {
         "effect": fault.name,
-        "joints": list(fault.joints),
+        "joints": fault.joints,
         "probability": fault.probability,
         **({} if fault.log_odds is None else {"support": {"log_odds": fault.log_odds}}),
         **fault.document(),
@@ -236,20 +236,14 @@ def _other_reading(fault: Fault, probability: float) -> dict[str, Any]:
     return {
         "effect": name,
         **({"variant": variant} if variant else {}),
-        "joints": list(joints),
+        "joints": joints,
         "probability": probability,
         "separated_by": WATCHED if joints else WRITTEN,
     }
 
 
-def with_torques_turned(
-    effects: list[dict[str, Any]], n_joints: int
-) -> list[dict[str, Any]]:
-    """Findings on effects; a base that hangs has all torques turned as its alternative."""
-    return [_with_its_equivalent(effect, n_joints) for effect in effects]
-
-
-def _with_its_equivalent(effect: dict[str, Any], n_joints: int) -> dict[str, Any]:
+def with_torques_turned(effect: dict[str, Any], n_joints: int) -> dict[str, Any]:
+    """A finding on an effect; a base that hangs has all torques turned as its alternative."""
     turn = known_effect(effect["effect"])
     if not isinstance(turn, Turn):
         return effect
@@ -307,8 +301,8 @@ def with_states(
             if applied.name not in differing:
                 continue
             place = {
-                "recordings": list(state.place.recordings),
-                "joints": list(applied.joints),
+                "recordings": state.place.recordings,
+                "joints": applied.joints,
                 "parameters": _parameters(applied, state, terms, there),
             }
             # found here with other values, or found only there

@@ -76,19 +76,6 @@ def test_the_same_arm_agrees_with_values_to_trust(same: Agreement) -> None:
         assert std == pytest.approx(max(one.birge, 1.0) / np.sqrt(precision))
 
 
-@pytest.mark.nightly
-def test_more_friction_in_one_recording_differs_alone(rubbing: Agreement) -> None:
-    assert differing(rubbing) == ["c2"]
-    one = line(rubbing, "c2")
-    low, high, again = one.value
-    assert high / low == pytest.approx(1.3, abs=0.03)
-    assert again == pytest.approx(low, abs=0.05)
-    assert low == pytest.approx(COULOMB[1], rel=0.1)
-    assert one.trusted is None
-    assert one.explanation is not None
-    assert one.explanation.goes_with == () and one.explanation.alone == 1
-
-
 def test_document_says_what_settles_a_difference(rubbing: Agreement) -> None:
     content = document(rubbing)
     first = content["parameters"][0]

@@ -213,7 +213,7 @@ def test_all_torques_turned_and_a_base_that_hangs_are_each_others_alternative() 
         angles = {"roll": {"value": roll}, "pitch": {"value": 0.1}}
         return {"effect": "base_tilt", "parameters": angles, "alternatives": []}
 
-    (hung, tilted) = with_torques_turned([tilt(3.0), tilt(0.1)], 2)
+    hung, tilted = (with_torques_turned(tilt(roll), 2) for roll in (3.0, 0.1))
     assert [o["effect"] for o in hung["alternatives"]] == ["sign_flip"]
     assert hung["alternatives"][0]["joints"] == [1, 2]
     assert tilted["alternatives"] == []
