@@ -174,25 +174,39 @@ class Scanner:
             [s.recorded_torque[:, j] for s in segments],
             float(self.arm.arm.per_radian[j]),
         )
-        assert fitted.grid is not None
-        most = -np.inf
-        while True:
-            values = fitted.grid(series, known)
+        limits, grid = term.definition.limits, fitted.grid
+        assert grid is not None
+
+        def asked(about: float | None) -> tuple[np.ndarray, np.ndarray]:
+            """Values, of the whole range or about one, and their evidence."""
+            values = grid(series, about)
             if fitted.possible is not None and len(values):
                 # of limits: else to call most of a torque lost would explain any gap
                 needed = np.concatenate([load[:, j] for load in self._load])
                 recorded = np.concatenate(series.recorded)
                 values = values[fitted.possible(values, recorded, needed)]
             if not len(values):
-                return None
+                return values, values
             x = self._columns_of(term, values, known)
-            gain = self._gains(term, own, others, x, values)
-            best = _likeliest(gain, inside=term.definition.limits and known is None)
-            at_end = known is not None and best in (0, len(values) - 1)
+            return values, self._gains(term, own, others, x, values)
+
+        about, most = known, -np.inf
+        if limits and known is not None:
+            # beside a limit that is wrong evidence has another peak: the whole range is asked once more
+            values, gain = asked(None)
+            if not len(values):
+                return None
+            about = float(values[_likeliest(gain, inside=True)])
+        while True:
+            values, gain = asked(about)
+            if not len(values):
+                return None
+            best = _likeliest(gain, inside=limits and about is None)
+            at_end = about is not None and best in (0, len(values) - 1)
             # what is best at the end of the values about a known one may be better beyond
             if not at_end or gain[best] <= most:
                 break
-            known, most = float(values[best]), float(gain[best])
+            about, most = float(values[best]), float(gain[best])
         value = _peak(values, gain, best)
         return Found((value,), (_spread(values, value, gain),), _charge(gain))
 
@@ -462,13 +476,15 @@ def _spread(values: np.ndarray, best: float, gain: np.ndarray) -> float:
 
 
 def _likeliest(gain: np.ndarray, *, inside: bool) -> int:
-    """Place of the largest gain; of the peak inside that stands out most, if one is asked for and there is any.
+    """Place of the largest gain; if that is at an end and one inside is asked for, of the peak that stands out most.
 
-    What is possible of limits ends where they would cut off more: a gain that rises up to there is no peak.
+    What is possible of limits ends where they would cut off more: a gain that rises up to there is no peak. What stands
+    out by less than a nat is none either.
     """
-    peaks, heights = find_peaks(gain, prominence=0.0)
-    if not inside or not len(peaks):
-        return int(np.argmax(gain))
+    best = int(np.argmax(gain))
+    peaks, heights = find_peaks(gain, prominence=1.0)
+    if not inside or not len(peaks) or 0 < best < len(gain) - 1:
+        return best
     return int(peaks[np.argmax(heights["prominences"])])
 
 
