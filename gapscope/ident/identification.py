@@ -68,6 +68,7 @@ from gapscope.ident.samples import (
     AT_LIMIT,
     MOVING,
     PER_CUTOFF,
+    PER_PARAMETER,
     Band,
     Choice,
     FrictionLaw,
@@ -75,7 +76,6 @@ from gapscope.ident.samples import (
     Problem,
     SampleCount,
     Samples,
-    check_count,
     check_recordings,
     choose,
     count_samples,
@@ -91,7 +91,11 @@ from gapscope.model.conditioning import (
     position_cutoff,
     uniform,
 )
-from gapscope.model.effective_samples import group_slices, variance_inflation
+from gapscope.model.effective_samples import (
+    band_samples,
+    group_slices,
+    variance_inflation,
+)
 from gapscope.model.readings import as_mounted
 
 # Encoder zeros estimated together with the parameters: what negative masses lead to asking.
@@ -397,7 +401,17 @@ def fit_parameters(
     samples = Samples(columns, segments, band.bounded(segments))
     # whether the samples suffice is known with the simplest friction law
     simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
-    check_count(samples, simplest.count, fit[0].name)
+    seconds = samples.interval.sum()
+    per_second = columns.arm.n_joints * band_samples(1.0, cutoff)
+    # what is missing, said as a time to record
+    needed = PER_PARAMETER * simplest.count / per_second
+    if seconds < needed:
+        raise InputError(
+            f"{seconds:.2g} s in a band of {cutoff:g} Hz hold {seconds * per_second:.0f} independent samples, too "
+            f"few for {simplest.count} base parameters",
+            f"record for at least {np.ceil(needed + 1):.0f} s, ten times that for good measure, or raise --cutoff",
+            file=fit[0].name,
+        )
     progress("chooses the form of the friction")
     # what simulates an arm knows Coulomb and viscous friction alone
     rich = settings.estimator not in SIMULATING
@@ -826,7 +840,12 @@ def examine_fit(
     # what makes the result doubtful; what concerns all of it first, and how the model predicts before that
     fit, judged = validation
     doubts = []
-    if predicts_worse(fit, judged, counted.per_parameter):
+    # p parameters from n samples predict others with p / n of the noise's square more than the noise itself, even
+    # if the nominal arm is exact; that share is itself uncertain by as much; the noise is what the fit leaves
+    ours, nominal, noise2 = (
+        (own.rmse**2).sum() for own in (judged.every, judged.nominal, fit.every)
+    )
+    if ours > nominal + 2.0 / counted.per_parameter * noise2:
         doubts.append(
             f"{WORSE}: {judged.every.overall:.1%} of the torque against {judged.nominal.overall:.1%}; use the "
             "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "
@@ -906,20 +925,6 @@ def validated(
 
     both = partial(predict, value), partial(predict, columns.nominal(law))
     return validate(role, segments, fitted.samples.band, *both)
-
-
-def predicts_worse(fit: Validation, held_out: Validation, per_parameter: float) -> bool:
-    """Whether the nominal arm predicts better than a fit to so many independent samples per parameter, beyond chance.
-
-    p parameters from n samples predict others with p / n of the noise's square more than the noise itself, even if the
-    nominal arm is exact; that share is itself uncertain by as much. The noise is what the fit leaves.
-    """
-    ours, nominal, noise = (
-        float((own.rmse**2).sum())
-        for own in (held_out.every, held_out.nominal, fit.every)
-    )
-    # twice the share: once as it is expected, once for its own spread
-    return ours > nominal + 2.0 / per_parameter * noise
 
 
 # The troubleshooting table: symptom, cause, check, remedy, filled in from the data.

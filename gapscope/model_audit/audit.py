@@ -491,8 +491,7 @@ def document(audit: Audit) -> dict[str, Any]:
         "joints": [_joint(joint) for joint in description.joints],
         "static": audit.static,
     }
-    result = plain(content, null_if_not_finite=True)
-    return result
+    return plain(content, null_if_not_finite=True)
 
 
 def _link(audit: Audit, link: Link) -> dict[str, Any]:

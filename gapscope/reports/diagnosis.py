@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -558,7 +558,8 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
     content = diagnosis.document.get("against")
     if content is None:
         return None
-    today = content["today"]
+    today, names = content["today"], joint_names(diagnosis.document)
+    then, std = content["identified"], content["identified_std"]
     # what possible bodies lack at most of a joint's torque; empty in a document that does not say so
     remainder = content.get("remainder")
     lacking = percent(max(remainder["torque_nrmse"])) if remainder else ""
@@ -568,7 +569,20 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "parameters": content["base_parameters"],
         "law": content["friction_law"],
         "ratio": percent(content["torque_ratio_to_nominal"]),
-        "joints": list(_reference_joints(content, joint_names(diagnosis.document))),
+        # what was identified, ``value ± std``, and friction on the day of the case with the change
+        "joints": [
+            {
+                "label": f"J{j + 1}",
+                "name": name,
+                "identified": [uncertain(then[key][j], std[key][j]) for key in ADDING],
+                "today": [
+                    _changed(then[k][j], today[k][j]) for k in ("coulomb", "viscous")
+                ],
+                "held_out": content["held_out"]["torque_nrmse"][j],
+                "errors": today["torque_nrmse"][j],
+            }
+            for j, name in enumerate(names)
+        ],
         "sheet": [
             f"{effect_name(e.name)} [{display_unit(e.parameters[0].unit, 1.0)[1]}]"
             for e in ADDING.values()
@@ -579,24 +593,6 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
         ],
         "lacking": lacking,
     }
-
-
-def _reference_joints(
-    content: Mapping[str, Any], names: Sequence[str]
-) -> Iterator[dict[str, Any]]:
-    """Of each joint what was identified, ``value ± std``, and its friction on the day of the case with the change."""
-    then, std, today = (content[k] for k in ("identified", "identified_std", "today"))
-    for j, name in enumerate(names):
-        yield {
-            "label": f"J{j + 1}",
-            "name": name,
-            "identified": [uncertain(then[key][j], std[key][j]) for key in ADDING],
-            "today": [
-                _changed(then[k][j], today[k][j]) for k in ("coulomb", "viscous")
-            ],
-            "held_out": content["held_out"]["torque_nrmse"][j],
-            "errors": today["torque_nrmse"][j],
-        }
 
 
 def _changed(before: float, after: float) -> str:
@@ -641,14 +637,21 @@ def where(diagnosis: Diagnosis) -> dict[str, Any]:
         joint |= {"replay_before": before, "replay_after": after}
     # of each joint the region that holds most of the gap in least of the time; a band of frequency if it is all
     out: dict[int, dict[str, Any]] = {}
+    # and what was learnt from its gap, and without a rule the first that was cut in advance
+    known = {region["joint"] for region in regions if region.get("kind") == "rule"}
+    shown = []
     for region in regions:
-        known = out.setdefault(region["joint"], region)
-        if known is not region and _telling(region) > _telling(known):
-            out[region["joint"]] = region
+        joint = region["joint"]
+        if region.get("kind") in LEARNT or joint not in known:
+            shown.append(region)
+        known.add(joint)
+        before = out.setdefault(joint, region)
+        if before is not region and _telling(region) > _telling(before):
+            out[joint] = region
     return {
         "joints": joints,
         "scale": _scale(joints, FLOOR_SCALE),
-        "regions": _first_and_learnt(regions),
+        "regions": shown,
         "telling": list(out.values()),
         "replayed": any(joint["replay_before"] != MISSING for joint in joints),
     }
@@ -693,38 +696,11 @@ def expected(diagnosis: Diagnosis) -> dict[str, Any]:
     return {"rows": expected_rows(entries, count), "joints": count}
 
 
-def _first_and_learnt(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of each joint what was learnt from its gap, and without a rule the first that was cut in advance."""
-    known = {region["joint"] for region in regions if region.get("kind") == "rule"}
-    found = []
-    for region in regions:
-        if region.get("kind") in LEARNT or region["joint"] not in known:
-            found.append(region)
-        known.add(region["joint"])
-    return found
-
-
 def _telling(region: Mapping[str, Any]) -> float:
     """Share times log concentration; less than any other for what only a specialist reads."""
     if region.get("kind") in ("frequency", "coherence"):
         return -1.0
     return float(region["share"] * np.log(max(region.get("enrichment") or 1.0, 1.0)))
-
-
-def _above_floor(document: Mapping[str, Any]) -> list[tuple[int, str, list[str]]]:
-    """Joints left above the floor: number, how many times the floor, and the effects named on them."""
-    left, effects = document["unexplained"], document["effects"]
-    # without effects the whole gap is left, which is said elsewhere
-    if not left["above_floor"] or not effects:
-        return []
-    return [
-        (
-            joint,
-            significant(left["times_floor"][joint - 1], 2),
-            [effect_name(e["effect"]) for e in effects if joint in e["joints"]],
-        )
-        for joint in left.get("joints", [])
-    ]
 
 
 def _mean(values: Iterable[float | None] | None) -> float | None:
@@ -796,6 +772,18 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
             and (one.joint in entry["joints"] or not entry["joints"])
         ]
 
+    # joints left above the floor: number, how many times the floor, and the effects named on them; without effects the
+    # whole gap is left, which is said elsewhere
+    left, effects = document["unexplained"], document["effects"]
+    above = left.get("joints", []) if left["above_floor"] and effects else []
+    above_floor = [
+        (
+            joint,
+            significant(left["times_floor"][joint - 1], 2),
+            [effect_name(e["effect"]) for e in effects if joint in e["joints"]],
+        )
+        for joint in above
+    ]
     changes = document.get("changes", [])
     write_html(
         "diagnosis/report.html",
@@ -808,7 +796,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
         changes=[capital(change_text(entry)) for entry in changes],
         first=FIRST_SCREEN_EFFECTS,
         signatures=signatures,
-        above_floor=_above_floor(document),
+        above_floor=above_floor,
         where=where(diagnosis),
         how_far=how_far(diagnosis),
         against=against(diagnosis),

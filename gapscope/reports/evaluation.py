@@ -8,6 +8,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -26,6 +27,7 @@ from gapscope.reports.pages import (
     COLOURS,
     PLAIN,
     PageSection,
+    error_bars,
     figure_html,
     subplots,
     terminal_table,
@@ -225,8 +227,8 @@ def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
         figure.add_scatter(
             x=[PERCENT * mean.value for mean in torque],
             y=[MILLI * mean.value for mean in joint],
-            error_x=_bars(torque, PERCENT),
-            error_y=_bars(joint, MILLI),
+            error_x=error_bars(*(PERCENT * np.array(torque).T), thickness=1),
+            error_y=error_bars(*(MILLI * np.array(joint).T), thickness=1),
             text=[line.model for line in shown],
             mode="markers+text",
             textposition="top center",
@@ -254,19 +256,6 @@ def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> Figure:
     figure.update_yaxes(rangemode="tozero", row=2, col=2)
     figure.update_layout(boxmode="group")
     return figure
-
-
-def _bars(means: Sequence[Mean], factor: float) -> dict[str, Any]:
-    """Error bars of means; an interval without an upper end has no bar above."""
-    above = [factor * (m.high - m.value) if isfinite(m.high) else 0.0 for m in means]
-    below = [factor * (m.value - m.low) for m in means]
-    return {
-        "type": "data",
-        "symmetric": False,
-        "array": above,
-        "arrayminus": below,
-        "thickness": 1,
-    }
 
 
 # An evaluation as files: page, episodes as CSV, and ``evaluation.json``.
