@@ -863,7 +863,26 @@ def examine_fit(
         doubts.append(
             f"the recordings cannot be checked for model error: {reasons[-1]}"
         )
-    doubts += _doubts_by_symptoms(fitted, zeros, table)
+    still = _still_joints(fitted)
+    if len(still):
+        doubts.append(
+            f"joint {_numbers(still + 1)} rests in every fitted recording: its own parameters are not identifiable"
+        )
+    wrong = inconsistent(fitted.physical.before)
+    rows = [row for row in table if row.verdict == FOUND]
+    # noise alone takes parameters that the data hardly determine out of what bodies can have
+    certain = any(row.key == BODIES for row in rows)
+    if wrong and (certain or len(zeros.asked)):
+        negative = _numbers(c.link for c in wrong if not c.positive_mass)
+        masses = f"; link {negative} even of negative mass" if negative else ""
+        doubts.append(
+            f"the parameters nearest to the nominal arm that fit best are those of no body on link "
+            f"{_numbers(c.link for c in wrong)}{masses}: the consistent ones are used instead"
+        )
+    for row in rows:
+        if row.key not in SAID_OTHERWISE:
+            where = f" on joint {_numbers(row.joints)}" if row.joints else ""
+            doubts.append(f"{row.cause}{where}: {row.remedy}")
     return Identification(
         **vars(fitted),
         determined=determined,
@@ -1185,32 +1204,6 @@ def _spectral(
         speed += (velocity_power * density)[inside].sum(axis=0)
     noise_share = np.sqrt(noise / np.maximum(acceleration, TINY))
     return noise_share, lost / np.maximum(speed + lost, TINY)
-
-
-def _doubts_by_symptoms(
-    fitted: FittedParameters, zeros: JointZeros, table: Sequence[Row]
-) -> Iterator[str]:
-    """What symptoms and bodies say against a result, each a sentence with a remedy."""
-    still = _still_joints(fitted)
-    if len(still):
-        yield (
-            f"joint {_numbers(still + 1)} rests in every fitted recording: its own parameters are not identifiable"
-        )
-    wrong = inconsistent(fitted.physical.before)
-    rows = [row for row in table if row.verdict == FOUND]
-    # noise alone takes parameters that the data hardly determine out of what bodies can have
-    certain = any(row.key == BODIES for row in rows)
-    if wrong and (certain or len(zeros.asked)):
-        negative = _numbers(c.link for c in wrong if not c.positive_mass)
-        masses = f"; link {negative} even of negative mass" if negative else ""
-        yield (
-            f"the parameters nearest to the nominal arm that fit best are those of no body on link "
-            f"{_numbers(c.link for c in wrong)}{masses}: the consistent ones are used instead"
-        )
-    for row in rows:
-        if row.key not in SAID_OTHERWISE:
-            where = f" on joint {_numbers(row.joints)}" if row.joints else ""
-            yield f"{row.cause}{where}: {row.remedy}"
 
 
 def _numbers(values: Iterable[int]) -> str:

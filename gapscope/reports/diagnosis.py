@@ -20,7 +20,6 @@ from gapscope.arm.display import (
     MISSING,
     display_unit,
     effect_name,
-    listing,
     nrmse,
     percent,
     significant,
@@ -589,7 +588,8 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
         ],
         "allowed": percent(today["friction_allowed"]),
         "inherent": [
-            _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
+            effect_name(e["effect"]) + (f" ({acts_on(e)})" if e["joints"] else "")
+            for e in content["inherent"]
         ],
         "lacking": lacking,
     }
@@ -602,12 +602,6 @@ def _changed(before: float, after: float) -> str:
     share = round(100.0 * (after / before - 1.0))
     sign = "−" if share < 0 else "+"
     return f"{significant(after)} ({f'{sign}{abs(share)} %' if share else 'same'})"
-
-
-def _with_joints(name: str, joints: Sequence[int]) -> str:
-    plural = "s" if len(joints) > 1 else ""
-    where = f" (joint{plural} {listing(joint_ranges(joints))})" if joints else ""
-    return effect_name(name) + where
 
 
 # Parts of the report: each takes a diagnosis and returns what its part of the template shows beside the document.
@@ -679,12 +673,14 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
     for engine in stages[0].get("replay_elsewhere", {}):
         label = f"in {ENGINE_NAMES.get(engine, engine)}"
         replays[label] = [stage["replay_elsewhere"].get(engine) for stage in stages]
-    return {
-        "mean": dict(zip(GAPS, means, strict=True)),
-        "replays": {
-            label: _mean_motions(document, *gaps) for label, gaps in replays.items()
-        },
-    }
+    slides = joint_slides(document)
+    # over the joints that turn, or over slides if all slide: one mean over both would mean nothing
+    kept = [j for j, slid in enumerate(slides) if not slid or all(slides)]
+    texts = {}
+    for label, gaps in replays.items():
+        columns = [[_mean([gap[j] for j in kept] if gap else None)] for gap in gaps]
+        texts[label] = [text for (text,) in _motions([all(slides)], *columns)]
+    return {"mean": dict(zip(GAPS, means, strict=True)), "replays": texts}
 
 
 def expected(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -708,44 +704,22 @@ def _mean(values: Iterable[float | None] | None) -> float | None:
     return sum(known) / len(known) if known else None
 
 
-def _mean_motions(
-    document: Mapping[str, Any], *columns: list[float | None] | None
-) -> list[str]:
-    """Means over the joints that turn as text, or over slides if all slide: one over both would mean nothing."""
-    slides = joint_slides(document)
-    kept = [j for j, slid in enumerate(slides) if not slid or all(slides)]
-    means = [_mean([column[j] for j in kept] if column else None) for column in columns]
-    shown = _angles(*[[mean] for mean in means], unit="m" if all(slides) else "rad")
-    return [texts[0] for texts in shown]
-
-
 def _motions(slides: list[bool], *columns: list[float | None]) -> list[list[str]]:
     """Columns of angles [rad] and, of joints that slide, distances [m] as text."""
     shown = [[MISSING] * len(slides) for _ in columns]
     # one unit for all that turns, and one for all that slides
-    for sliding, unit in ((False, "rad"), (True, "m")):
+    for sliding, si_unit in ((False, "rad"), (True, "m")):
         places = [j for j, slid in enumerate(slides) if slid == sliding]
-        own = _angles(*[[column[j] for j in places] for column in columns], unit=unit)
-        for row, texts in zip(shown, own, strict=True):
-            for j, text in zip(places, texts, strict=True):
-                row[j] = text
+        known = [column[j] or 0.0 for column in columns for j in places]
+        # the one that suits the largest
+        factor, unit = display_unit(si_unit, max(known, default=0.0))
+        name = unit if unit == "°" else f" {unit}"
+        for texts, column in zip(shown, columns, strict=True):
+            for j in places:
+                value = column[j]
+                if value is not None:
+                    texts[j] = significant(factor * value, 2) + name
     return shown
-
-
-def _angles(*columns: list[float | None], unit: str = "rad") -> list[list[str]]:
-    """Columns of angles [rad], or of another unit, as text, all in the one unit that suits the largest."""
-    factor, unit = display_unit(
-        unit,
-        max((value for column in columns for value in column if value), default=0.0),
-    )
-    name = unit if unit == "°" else f" {unit}"
-    return [
-        [
-            MISSING if value is None else significant(factor * value, 2) + name
-            for value in column
-        ]
-        for column in columns
-    ]
 
 
 # Renders a diagnosis into one self-contained HTML file.

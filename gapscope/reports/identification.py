@@ -175,6 +175,20 @@ def payload(result: Identification) -> dict[str, Any]:
         for validation in result.validation[::-1]
         for k, (a, b) in enumerate(pairwise(validation.edges), 1)
     ]
+    # what a partial update did to each base parameter, as torque [N m]: it leaves some where they were
+    update = []
+    if result.moved is not None:
+        nominal = result.base.of(result.columns.nominal(result.choice.law))
+        # parameters have different units: each counts by the torque that its column makes
+        size = rms(result.problem.matrix, axis=(0, 1))
+        columns = {
+            "name": np.array(result.estimate.names),
+            "change": (result.estimate.value - nominal) * size,
+            "std": result.uncertainty.deviation * size,
+            "moved": result.moved,
+        }
+        rows = zip(*(own.tolist() for own in columns.values()), strict=True)
+        update = [dict(zip(columns, row, strict=True)) for row in rows]
     return {
         "joints": [f"J{j + 1} {name}" for j, name in enumerate(names)],
         "worst": worst,
@@ -186,26 +200,8 @@ def payload(result: Identification) -> dict[str, Any]:
         ],
         "limit": 1 / CONDITION_LIMIT,
         "filter": filter_curves(result),
-        "update": _update(result),
+        "update": update,
     }
-
-
-def _update(result: Identification) -> list[dict[str, Any]]:
-    """What a partial update did to each base parameter, as torque [N m]; empty of other estimators."""
-    # only a partial update leaves some parameters where they were
-    if result.moved is None:
-        return []
-    nominal = result.base.of(result.columns.nominal(result.choice.law))
-    # parameters have different units: each counts by the torque that its column makes
-    size = rms(result.problem.matrix, axis=(0, 1))
-    columns = {
-        "name": result.estimate.names,
-        "change": (result.estimate.value - nominal) * size,
-        "std": result.uncertainty.deviation * size,
-        "moved": result.moved,
-    }
-    rows = zip(*(np.asarray(own).tolist() for own in columns.values()), strict=True)
-    return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def _group(validation: Validation, a: int, b: int, number: int) -> dict[str, Any]:
