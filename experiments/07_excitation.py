@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from common import command_line, markdown
@@ -42,7 +41,7 @@ from gapscope.ident.excitation.trajectory_search import (
     Budget,
     ExcitationModel,
     Optimiser,
-    random_search,
+    TrajectorySearch,
 )
 from gapscope.ident.model.base_parameters import condition_number
 
@@ -56,14 +55,14 @@ def optimisers(arm: NominalArm, seeds: int, feasible: int) -> None:
     head = ("optimiser", "seed", "condition", "inertial", "of random", "time [s]")
     head = (*head, "evaluations", "feasible", "best at", "distance [m]")
     print(markdown(head, ()), flush=True)
+
+    def until_feasible(search: TrajectorySearch, rng: np.random.Generator) -> None:
+        """Random candidates until so many kept all limits."""
+        while search.feasible < feasible:
+            search.score(search.parametrisation.draw(rng))
+
     for seed in range(seeds):
-        count, best = optimised(
-            arm,
-            "random",
-            partial(random_search, feasible=feasible),
-            Budget(1_000_000),
-            seed,
-        )
+        count, best = optimised(arm, "random", until_feasible, Budget(1_000_000), seed)
         for name, optimiser in OPTIMISERS.items():
             if name != "random":
                 optimised(arm, name, optimiser, Budget(count), seed, best)

@@ -371,7 +371,26 @@ def make(
             "keep the labels outside the cases",
             where="--labels",
         )
-    begun = _begin(folder, plan, seed)
+    # seed, salt and plan of the set, from an earlier run if there was one
+    file = folder / PLAN
+    if file.is_file():
+        begun = read_json(file, "remove it and the cases made so far")
+        if begun["plan"] != plan.plain() or seed not in (None, begun["seed"]):
+            raise InputError(
+                "was begun with another plan or seed",
+                "give the same ones, or other folders for cases and labels",
+                file=file,
+            )
+    else:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        begun = {
+            # a secret seed: nobody can make the labels again from the cases
+            "seed": secrets.randbits(64) if seed is None else seed,
+            # the salt keeps the hash from being found by making sets of likely seeds
+            "salt": secrets.token_hex(16),
+            "plan": plan.plain(),
+        }
+        write_json(begun, file, private=True)
     specs = allocate_cases(plan, begun["seed"])
     names = [f"case{k:04d}" for k in range(len(specs))]
     parts = folder / "parts"
@@ -401,30 +420,6 @@ def make(
     commitment = {"schema": 1, "cases": len(names), "labels_sha256": sealed}
     write_json(commitment, out / COMMITMENT)
     return out / COMMITMENT, folder / LABELS
-
-
-def _begin(folder: Path, plan: BlindPlan, seed: int | None) -> dict[str, Any]:
-    """Seed, salt and plan of the set, from an earlier run if there was one."""
-    file = folder / PLAN
-    if file.is_file():
-        begun = read_json(file, "remove it and the cases made so far")
-        if begun["plan"] != plan.plain() or seed not in (None, begun["seed"]):
-            raise InputError(
-                "was begun with another plan or seed",
-                "give the same ones, or other folders for cases and labels",
-                file=file,
-            )
-        return begun
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    # a secret seed: nobody can make the labels again from the cases
-    begun = {
-        "seed": secrets.randbits(64) if seed is None else seed,
-        # the salt keeps the hash from being found by making sets of likely seeds
-        "salt": secrets.token_hex(16),
-        "plan": plan.plain(),
-    }
-    write_json(begun, file, private=True)
-    return begun
 
 
 def _made(

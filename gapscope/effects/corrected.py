@@ -285,29 +285,6 @@ class CorrectedArm:
         increments = self.inertial_increments(body)
         if self.remainder is not None:
             increments = increments + self.remainder
-        torque = self._body_torque(body, increments, motion)
-        if self.arm.encoder == "joint":
-            # the links move as the encoders say, whatever lies between them and the motors
-            return torque
-        gear = ("gear_stiffness", "gear_damping", "play")
-        stiffness, damping, width = map(self.quantity, gear)
-        # with free play its solver follows the spring too
-        elastic = np.where(width > 0, 0.0, stiffness)
-        if not (width.any() or elastic.any()):
-            return torque
-        state = motion.q, motion.dq, motion.ddq
-        # of the bodies with all that they gained: that bends as well
-        matrices = body.changed(increments).sensitivities(*state)
-        if width.any():
-            torque = through_play(matrices, motion, torque, width, stiffness, damping)
-        if elastic.any():
-            torque = through_springs(matrices, motion, torque, elastic, damping)
-        return torque
-
-    def _body_torque(
-        self, body: RigidBody, increments: np.ndarray, motion: Motion
-    ) -> np.ndarray:
-        """Inverse dynamics of the links' motion [N m], (N, n), less what an external force does."""
         state = motion.q, motion.dq, motion.ddq
         torque = body.inverse_dynamics(*state)
         # linear in what is added: no other body has to be made
@@ -320,6 +297,21 @@ class CorrectedArm:
                 in_base = self.base_rotation().T @ force
                 # what the force does the motors need not
                 torque[active] -= body.force_torque(motion.q[active], in_base)
+        if self.arm.encoder == "joint":
+            # the links move as the encoders say, whatever lies between them and the motors
+            return torque
+        gear = ("gear_stiffness", "gear_damping", "play")
+        stiffness, damping, width = map(self.quantity, gear)
+        # with free play its solver follows the spring too
+        elastic = np.where(width > 0, 0.0, stiffness)
+        if not (width.any() or elastic.any()):
+            return torque
+        # of the bodies with all that they gained: that bends as well
+        matrices = body.changed(increments).sensitivities(*state)
+        if width.any():
+            torque = through_play(matrices, motion, torque, width, stiffness, damping)
+        if elastic.any():
+            torque = through_springs(matrices, motion, torque, elastic, damping)
         return torque
 
     def _motor_motion(self, rigid: np.ndarray, motion: Motion) -> Motion:

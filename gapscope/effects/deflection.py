@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
 
@@ -180,7 +179,13 @@ class Springs:
         keep = np.outer(slow, slow)
         k = by_position + np.diag(self._stiffness)
         series = (mass * keep, d * keep, k, torque[:, self.elastic])
-        m, d, k, driving = _finer_together(series, self._parts)
+        # every step cut into parts, by one spline for all
+        flat = [x.reshape(len(x), -1) for x in series]
+        edges = np.cumsum([x.shape[1] for x in flat])[:-1]
+        cut = np.split(finer(np.hstack(flat), self._parts), edges, axis=1)
+        m, d, k, driving = (
+            x.reshape(-1, *like.shape[1:]) for x, like in zip(cut, series, strict=True)
+        )
         self._calmed = np.diagonal(calmed, axis1=1, axis2=2)
         self.delta = np.full_like(driving, np.nan)
         # of bodies without mass a step does not determine the next
@@ -232,15 +237,6 @@ def finer(series: np.ndarray, parts: int) -> np.ndarray:
     spline = make_interp_spline(np.arange(count), series, k=3)
     fine = np.arange((count - 1) * parts + 1) / parts
     return spline(fine)
-
-
-def _finer_together(series: Sequence[np.ndarray], parts: int) -> list[np.ndarray]:
-    """Series (N, ...) with every step cut into parts, by one spline for all."""
-    flat = [x.reshape(len(x), -1) for x in series]
-    edges = np.cumsum([x.shape[1] for x in flat])[:-1]
-    cut = np.split(finer(np.hstack(flat), parts), edges, axis=1)
-    pairs = zip(cut, series, strict=True)
-    return [x.reshape(-1, *like.shape[1:]) for x, like in pairs]
 
 
 def _with_rates(delta: np.ndarray, h: float) -> Matrices:

@@ -86,47 +86,33 @@ def elasticity_columns(
         pairs = zip(at.sensitivities, deflections, strict=True)
         # links that lag by y take its derivatives times y from the torque
         out[:, :, i] = -sum(matrix * y[:, None] for matrix, y in pairs)
-    used = np.flatnonzero(x[0])
-    springs = _springs(effect, at, x) if used.size else None
+    used, springs = np.flatnonzero(x[0]), None
+    stiffness, damping = (at.value(effect.name, name) for name in effect.names)
+    # one behind free play of its own joint is no spring, nor is one that cannot hold its link
+    if used.size and not at.value("backlash", "width")[stiffness > 0].any():
+        torque = at.rigid_with(effect, np.zeros_like(x))
+        springs = Springs(at.sensitivities, at.motion, torque, stiffness, damping)
     largest = np.abs(x[0]).max()
     for i, j in ((i, j) for j in used for i in range(len(x))):
         # a damping of zero has a step too: in proportion to the largest value
         size = max(abs(x[i, j]), 1e-3 * largest)
-        if springs is not None:
-            out[:, :, i, j] = _by_spring(effect, springs, x, i, j, 1e-4 * size)
+        moved, step = x.copy(), 1e-4 * size
+        if springs is None or not springs.followed:
+            moved[i, j] += 1e-3 * size
+            out[:, :, i, j] = (at.rigid_with(effect, moved) - at.rigid) / (1e-3 * size)
             continue
-        moved = x.copy()
-        moved[i, j] += 1e-3 * size
-        out[:, :, i, j] = (at.rigid_with(effect, moved) - at.rigid) / (1e-3 * size)
+        # by stiffness and damping, and of these by the coordinate
+        ends = []
+        for side in (step, -step):
+            moved[i, j] = x[i, j] + side
+            ends.append(effect.values_at(moved[:, [j]]))
+        # the springs count only joints that have one
+        place = int(np.searchsorted(springs.elastic, j))
+        out[:, :, i, j] = sum(
+            columns[:, :, place] * ((ends[0][name] - ends[1][name]) / (2 * step))
+            for columns, name in zip(springs.columns, effect.names, strict=True)
+        )
     return out
-
-
-def _springs(effect: Transmission, at: Mechanics, x: np.ndarray) -> Springs | None:
-    """The springs in use; ``None`` if one lies behind free play of its own joint, or cannot hold its link."""
-    stiffness, damping = (at.value(effect.name, name) for name in effect.names)
-    if (at.value("backlash", "width")[stiffness > 0] > 0).any():
-        return None
-    torque = at.rigid_with(effect, np.zeros_like(x))
-    springs = Springs(at.sensitivities, at.motion, torque, stiffness, damping)
-    return springs if springs.followed else None
-
-
-def _by_spring(
-    effect: Transmission, springs: Springs, x: np.ndarray, i: int, j: int, step: float
-) -> np.ndarray:
-    """Derivative by coordinate i of joint j, (N, n): that by stiffness and damping, and of these by the coordinate."""
-    ends = []
-    for side in (step, -step):
-        moved = x[:, [j]].copy()
-        moved[i] += side
-        ends.append(effect.values_at(moved))
-    # the springs count only joints that have one
-    place = int(np.searchsorted(springs.elastic, j))
-    parts = [
-        columns[:, :, place] * ((ends[0][name] - ends[1][name]) / (2 * step))
-        for columns, name in zip(springs.columns, effect.names, strict=True)
-    ]
-    return sum(parts)
 
 
 def backlash_columns(effect: Transmission, at: Mechanics, x: np.ndarray) -> np.ndarray:

@@ -68,6 +68,7 @@ from gapscope.ident.samples import (
     AT_LIMIT,
     MOVING,
     PER_CUTOFF,
+    PER_PARAMETER,
     Band,
     Choice,
     FrictionLaw,
@@ -75,7 +76,6 @@ from gapscope.ident.samples import (
     Problem,
     SampleCount,
     Samples,
-    check_count,
     check_recordings,
     choose,
     count_samples,
@@ -91,7 +91,11 @@ from gapscope.model.conditioning import (
     position_cutoff,
     uniform,
 )
-from gapscope.model.effective_samples import group_slices, variance_inflation
+from gapscope.model.effective_samples import (
+    band_samples,
+    group_slices,
+    variance_inflation,
+)
 from gapscope.model.readings import as_mounted
 
 # Encoder zeros estimated together with the parameters: what negative masses lead to asking.
@@ -397,7 +401,17 @@ def fit_parameters(
     samples = Samples(columns, segments, band.bounded(segments))
     # whether the samples suffice is known with the simplest friction law
     simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
-    check_count(samples, simplest.count, fit[0].name)
+    seconds = samples.interval.sum()
+    per_second = columns.arm.n_joints * band_samples(1.0, cutoff)
+    # what is missing, said as a time to record
+    needed = PER_PARAMETER * simplest.count / per_second
+    if seconds < needed:
+        raise InputError(
+            f"{seconds:.2g} s in a band of {cutoff:g} Hz hold {seconds * per_second:.0f} independent samples, too "
+            f"few for {simplest.count} base parameters",
+            f"record for at least {np.ceil(needed + 1):.0f} s, ten times that for good measure, or raise --cutoff",
+            file=fit[0].name,
+        )
     progress("chooses the form of the friction")
     # what simulates an arm knows Coulomb and viscous friction alone
     rich = settings.estimator not in SIMULATING
@@ -826,7 +840,12 @@ def examine_fit(
     # what makes the result doubtful; what concerns all of it first, and how the model predicts before that
     fit, judged = validation
     doubts = []
-    if predicts_worse(fit, judged, counted.per_parameter):
+    # p parameters from n samples predict others with p / n of the noise's square more than the noise itself, even
+    # if the nominal arm is exact; that share is itself uncertain by as much; the noise is what the fit leaves
+    ours, nominal, noise2 = (
+        (own.rmse**2).sum() for own in (judged.every, judged.nominal, fit.every)
+    )
+    if ours > nominal + 2.0 / counted.per_parameter * noise2:
         doubts.append(
             f"{WORSE}: {judged.every.overall:.1%} of the torque against {judged.nominal.overall:.1%}; use the "
             "nominal arm, record an exciting trajectory (`gapscope excite`), or stay nearer to it: --estimator ridge, "
@@ -844,7 +863,26 @@ def examine_fit(
         doubts.append(
             f"the recordings cannot be checked for model error: {reasons[-1]}"
         )
-    doubts += _doubts_by_symptoms(fitted, zeros, table)
+    still = _still_joints(fitted)
+    if len(still):
+        doubts.append(
+            f"joint {_numbers(still + 1)} rests in every fitted recording: its own parameters are not identifiable"
+        )
+    wrong = inconsistent(fitted.physical.before)
+    rows = [row for row in table if row.verdict == FOUND]
+    # noise alone takes parameters that the data hardly determine out of what bodies can have
+    certain = any(row.key == BODIES for row in rows)
+    if wrong and (certain or len(zeros.asked)):
+        negative = _numbers(c.link for c in wrong if not c.positive_mass)
+        masses = f"; link {negative} even of negative mass" if negative else ""
+        doubts.append(
+            f"the parameters nearest to the nominal arm that fit best are those of no body on link "
+            f"{_numbers(c.link for c in wrong)}{masses}: the consistent ones are used instead"
+        )
+    for row in rows:
+        if row.key not in SAID_OTHERWISE:
+            where = f" on joint {_numbers(row.joints)}" if row.joints else ""
+            doubts.append(f"{row.cause}{where}: {row.remedy}")
     return Identification(
         **vars(fitted),
         determined=determined,
@@ -906,20 +944,6 @@ def validated(
 
     both = partial(predict, value), partial(predict, columns.nominal(law))
     return validate(role, segments, fitted.samples.band, *both)
-
-
-def predicts_worse(fit: Validation, held_out: Validation, per_parameter: float) -> bool:
-    """Whether the nominal arm predicts better than a fit to so many independent samples per parameter, beyond chance.
-
-    p parameters from n samples predict others with p / n of the noise's square more than the noise itself, even if the
-    nominal arm is exact; that share is itself uncertain by as much. The noise is what the fit leaves.
-    """
-    ours, nominal, noise = (
-        float((own.rmse**2).sum())
-        for own in (held_out.every, held_out.nominal, fit.every)
-    )
-    # twice the share: once as it is expected, once for its own spread
-    return ours > nominal + 2.0 / per_parameter * noise
 
 
 # The troubleshooting table: symptom, cause, check, remedy, filled in from the data.
@@ -1180,32 +1204,6 @@ def _spectral(
         speed += (velocity_power * density)[inside].sum(axis=0)
     noise_share = np.sqrt(noise / np.maximum(acceleration, TINY))
     return noise_share, lost / np.maximum(speed + lost, TINY)
-
-
-def _doubts_by_symptoms(
-    fitted: FittedParameters, zeros: JointZeros, table: Sequence[Row]
-) -> Iterator[str]:
-    """What symptoms and bodies say against a result, each a sentence with a remedy."""
-    still = _still_joints(fitted)
-    if len(still):
-        yield (
-            f"joint {_numbers(still + 1)} rests in every fitted recording: its own parameters are not identifiable"
-        )
-    wrong = inconsistent(fitted.physical.before)
-    rows = [row for row in table if row.verdict == FOUND]
-    # noise alone takes parameters that the data hardly determine out of what bodies can have
-    certain = any(row.key == BODIES for row in rows)
-    if wrong and (certain or len(zeros.asked)):
-        negative = _numbers(c.link for c in wrong if not c.positive_mass)
-        masses = f"; link {negative} even of negative mass" if negative else ""
-        yield (
-            f"the parameters nearest to the nominal arm that fit best are those of no body on link "
-            f"{_numbers(c.link for c in wrong)}{masses}: the consistent ones are used instead"
-        )
-    for row in rows:
-        if row.key not in SAID_OTHERWISE:
-            where = f" on joint {_numbers(row.joints)}" if row.joints else ""
-            yield f"{row.cause}{where}: {row.remedy}"
 
 
 def _numbers(values: Iterable[int]) -> str:

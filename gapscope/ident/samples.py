@@ -695,25 +695,6 @@ def check_recordings(
         )
 
 
-def check_count(samples: Samples, base_count: int, name: str) -> None:
-    """Check that there are samples enough for the parameters.
-
-    Raises:
-        InputError: fewer than ``PER_PARAMETER`` independent samples per base parameter.
-    """
-    seconds, cutoff = float(samples.interval.sum()), samples.band.cutoff
-    per_second = samples.torque.shape[1] * band_samples(1.0, cutoff)
-    # what is missing, said as a time to record
-    needed = PER_PARAMETER * base_count / per_second
-    if seconds < needed:
-        raise InputError(
-            f"{seconds:.2g} s in a band of {cutoff:g} Hz hold {seconds * per_second:.0f} independent samples, too "
-            f"few for {base_count} base parameters",
-            f"record for at least {np.ceil(needed + 1):.0f} s, ten times that for good measure, or raise --cutoff",
-            file=name,
-        )
-
-
 # Laws of friction of an identification: their columns, trials, and the choice between them.
 
 

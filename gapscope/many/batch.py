@@ -17,7 +17,6 @@ from gapscope.arm.io.json_file import write_json
 from gapscope.arm.io.locked_section import locked
 from gapscope.diagnosis.compare_units import (
     ConfusionColumn,
-    FleetGroup,
     FleetUnit,
     confusion_column,
     explains_as_much,
@@ -242,7 +241,18 @@ def _compared(
     groups, alone = grouped(documents, units)
     if groups:
         progress("compares the units")
-    return rows, code, units_document(_confused(batch, groups), alone)
+    # a column is all arms of a group on one unit's recordings: those are read once
+    calls = [(unit, group.units) for group in groups for unit in group.units]
+    results = in_order(confusion_column, calls, batch.jobs, batch.backend)
+    # a unit whose column fails is left out of the table, with the reason
+    columns = {
+        unit.name: ConfusionColumn(unit.name, {}, str(result))
+        if isinstance(result, Exception)
+        else result
+        for (unit, _), result in zip(calls, results, strict=True)
+    }
+    confused = [(group, [columns[u.name] for u in group.units]) for group in groups]
+    return rows, code, units_document(confused, alone)
 
 
 def _by_law_of_type(
@@ -312,21 +322,3 @@ def _failed(folder: str, error: Exception) -> Row:
     return Row(
         folder, folder, problem=problem, exit_code=getattr(error, "exit_code", 1)
     )
-
-
-def _confused(
-    batch: Batch, groups: Sequence[FleetGroup]
-) -> list[tuple[FleetGroup, list[ConfusionColumn]]]:
-    """The groups with the columns of their confusion: all arms of a group on the recordings of each unit."""
-    # a column is all arms on one unit's recordings: those are read once
-    calls = [(unit, group.units) for group in groups for unit in group.units]
-    results = in_order(confusion_column, calls, batch.jobs, batch.backend)
-    # a unit whose column fails is left out of the table, with the reason
-    columns = [
-        ConfusionColumn(unit.name, {}, str(result))
-        if isinstance(result, Exception)
-        else result
-        for (unit, _), result in zip(calls, results, strict=True)
-    ]
-    by_name = {column.unit: column for column in columns}
-    return [(group, [by_name[u.name] for u in group.units]) for group in groups]

@@ -144,22 +144,6 @@ def histories(
     return [one for one in made if len(one.values) >= SHORTEST_HISTORY], factors
 
 
-def drift(all_histories: list[History]) -> list[dict[str, Any]]:
-    """The changes in all histories of a fleet, the clearest first.
-
-    Of the histories that are called changed, a share ``FALSE_CHANGES`` is not, on average [benjamini1995]. The largest
-    p among them is the level at which the parts before and after a change are tested again.
-    """
-    # of the whole fleet at once: one account of false alarms
-    p = np.array([history.first.p for history in all_histories])
-    if not len(p):
-        return []
-    chosen = false_discovery_control(p) <= FALSE_CHANGES
-    level = float(p[chosen].max(initial=0.0))
-    found = (all_histories[k].changes(level) for k in np.flatnonzero(chosen))
-    return sorted(chain.from_iterable(found), key=lambda change: change["p"])
-
-
 # The units of one type of robot compared: which effects they share, and which unit stands out.
 
 
@@ -288,7 +272,13 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
             {"robot": robot, "effect": effect, "parameter": name, "factor": factor}
             for (effect, name), factor in scatter.items()
         ]
-    changes = drift(everything)
+    # of the whole fleet at once: of the histories called changed a share is not, on average [benjamini1995]
+    p = np.array([history.first.p for history in everything])
+    chosen = false_discovery_control(p) <= FALSE_CHANGES if len(p) else p > 0
+    # the largest p among them: the level at which the parts before and after a change are tested again
+    level = float(p[chosen].max(initial=0.0))
+    clear = (everything[k].changes(level) for k in np.flatnonzero(chosen))
+    changes = sorted(chain.from_iterable(clear), key=lambda change: change["p"])
     content = {
         "schema": 1,
         "cases": len(rows),

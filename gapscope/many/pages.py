@@ -413,11 +413,7 @@ def summary(content: Mapping[str, Any]) -> Group:
     """The first lines of ``fleet.json``."""
     lines = [capital(headline(content))]
     lines += [change_line(change) for change in content["changes"][:SHOWN]]
-    worst = [_worst(content)] if content["worst"] else []
-    return Group(*map(Text, lines), *worst)
-
-
-def _worst(content: Mapping[str, Any]) -> Table:
+    shown: list[Text | Table] = [*map(Text, lines)]
     rows = [
         (
             row["unit"],
@@ -428,5 +424,7 @@ def _worst(content: Mapping[str, Any]) -> Table:
         )
         for row in content["worst"][:SHOWN]
     ]
-    heads = ("unit", "last", "verdict", "effects", "gap above floor")
-    return terminal_table(heads, rows, len(heads), box=None)
+    if rows:
+        heads = ("unit", "last", "verdict", "effects", "gap above floor")
+        shown.append(terminal_table(heads, rows, len(heads), box=None))
+    return Group(*shown)

@@ -125,9 +125,60 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
             file=recording,
         )
     q, tau = (np.array([rest[k] for rest in rests]) for k in (0, 1))
-    model = RigidBody(arm).gravity_torque(q)
+    body = RigidBody(arm)
+    model = body.gravity_torque(q)
     fits = [_line(model[:, j], tau[:, j]) for j in range(arm.n_joints)]
     correlation, scale, offset = np.array(fits).T
+    # hypotheses on what is wrong, by what they leave; each parameter costs as in Akaike's criterion
+    # offsets are free: means are taken off
+    torque = tau - tau.mean(axis=0)
+    size = float(rms(torque, axis=None))
+    by_model = model - model.mean(axis=0)
+
+    def explained(name: str, left: np.ndarray, parameters: int = 0) -> Explanation:
+        return Explanation(name, float(rms(left, axis=None)) / size, parameters)
+
+    found = [
+        explained("the model as it is", torque - by_model),
+        explained("a torque column without gravity", torque),
+        explained("torque of the opposite sign on all joints", torque + by_model),
+    ]
+    common = float((torque * by_model).sum() / (by_model**2).sum())
+    name = f"one scale of {common:.3g} on all joints"
+    found.append(explained(name, torque - common * by_model, 1))
+    # joints on which gravity hardly acts keep their sign
+    opposite = correlation < OPPOSITE
+    if opposite.any() and not opposite.all():
+        signs = np.where(opposite, -1.0, 1.0)
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(opposite))
+        name = f"torque of the opposite sign on joint {joints}"
+        found.append(explained(name, torque - signs * by_model))
+    # inertials of the next and of the previous link, if they make an arm
+    for by, word in ((1, "next"), (-1, "previous")):
+        with suppress(GapscopeError):
+            # the file's inertials go back to where they belong
+            other = shifted_body(arm, -by)
+            if other is not None:
+                shifted = other.gravity_torque(q)
+                name = f"each link with the inertial of the {word} one"
+                found.append(explained(name, torque - shifted + shifted.mean(axis=0)))
+    # mass and first moments of one link fitted to the error of the model
+    error = (torque - by_model).ravel()
+    regressor = body.regressor(q, np.zeros_like(q), np.zeros_like(q))
+    # without the means: an offset of each joint explains what is constant
+    regressor -= regressor.mean(axis=0)
+    for j, joint in enumerate(arm.joints):
+        columns = regressor[:, :, 10 * j : 10 * j + FIRST_MOMENTS]
+        columns = columns.reshape(-1, FIRST_MOMENTS)
+        changes = np.linalg.lstsq(columns, error, rcond=1e-6)[0]
+        name = f"another mass or centre of the link moved by joint {j + 1} ({joint})"
+        one = explained(name, error - columns @ changes, FIRST_MOMENTS)
+        found.append(replace(one, changes=tuple(changes.tolist())))
+
+    def criterion(one: Explanation) -> float:
+        # N log(misfit^2) + 2 k, but for what all hypotheses share
+        return torque.size * 2 * np.log(max(one.misfit, 1e-6)) + 2 * one.parameters
+
     return StaticPoses(
         arm.joints,
         len(q),
@@ -136,7 +187,7 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
         offset,
         rms(tau - model),
         tau.std(axis=0),
-        _explanations(arm, q, tau, model, correlation),
+        tuple(sorted(found, key=criterion)),
     )
 
 
@@ -223,66 +274,6 @@ def _line(model: np.ndarray, tau: np.ndarray) -> tuple[float, float, float]:
     # least squares of tau = scale model + offset
     scale = correlation * tau.std() / model.std()
     return correlation, float(scale), float(tau.mean() - scale * model.mean())
-
-
-def _explanations(
-    arm: NominalArm,
-    q: np.ndarray,
-    tau: np.ndarray,
-    model: np.ndarray,
-    correlation: np.ndarray,
-) -> tuple[Explanation, ...]:
-    """Hypotheses on what is wrong, by what they leave; each parameter costs as in Akaike's criterion."""
-    # offsets are free: means are taken off
-    torque = tau - tau.mean(axis=0)
-    count, size = torque.size, float(rms(torque, axis=None))
-    by_model = model - model.mean(axis=0)
-
-    def explained(name: str, left: np.ndarray, parameters: int = 0) -> Explanation:
-        return Explanation(name, float(rms(left, axis=None)) / size, parameters)
-
-    found = [
-        explained("the model as it is", torque - by_model),
-        explained("a torque column without gravity", torque),
-        explained("torque of the opposite sign on all joints", torque + by_model),
-    ]
-    scale = float((torque * by_model).sum() / (by_model**2).sum())
-    name = f"one scale of {scale:.3g} on all joints"
-    found.append(explained(name, torque - scale * by_model, 1))
-    # joints on which gravity hardly acts keep their sign
-    opposite = correlation < OPPOSITE
-    if opposite.any() and not opposite.all():
-        signs = np.where(opposite, -1.0, 1.0)
-        joints = ", ".join(str(j + 1) for j in np.flatnonzero(opposite))
-        name = f"torque of the opposite sign on joint {joints}"
-        found.append(explained(name, torque - signs * by_model))
-    # inertials of the next and of the previous link, if they make an arm
-    for by, word in ((1, "next"), (-1, "previous")):
-        with suppress(GapscopeError):
-            # the file's inertials go back to where they belong
-            other = shifted_body(arm, -by)
-            if other is not None:
-                shifted = other.gravity_torque(q)
-                name = f"each link with the inertial of the {word} one"
-                found.append(explained(name, torque - shifted + shifted.mean(axis=0)))
-    # mass and first moments of one link fitted to the error of the model
-    error = (torque - by_model).ravel()
-    regressor = RigidBody(arm).regressor(q, np.zeros_like(q), np.zeros_like(q))
-    # without the means: an offset of each joint explains what is constant
-    regressor -= regressor.mean(axis=0)
-    for j, joint in enumerate(arm.joints):
-        columns = regressor[:, :, 10 * j : 10 * j + FIRST_MOMENTS]
-        columns = columns.reshape(-1, FIRST_MOMENTS)
-        changes = np.linalg.lstsq(columns, error, rcond=1e-6)[0]
-        name = f"another mass or centre of the link moved by joint {j + 1} ({joint})"
-        one = explained(name, error - columns @ changes, FIRST_MOMENTS)
-        found.append(replace(one, changes=tuple(changes.tolist())))
-
-    def criterion(one: Explanation) -> float:
-        # N log(misfit^2) + 2 k, but for what all hypotheses share
-        return count * 2 * np.log(max(one.misfit, 1e-6)) + 2 * one.parameters
-
-    return tuple(sorted(found, key=criterion))
 
 
 # All checks of a model file.
@@ -491,8 +482,7 @@ def document(audit: Audit) -> dict[str, Any]:
         "joints": [_joint(joint) for joint in description.joints],
         "static": audit.static,
     }
-    result = plain(content, null_if_not_finite=True)
-    return result
+    return plain(content, null_if_not_finite=True)
 
 
 def _link(audit: Audit, link: Link) -> dict[str, Any]:

@@ -49,11 +49,10 @@ class Finding:
 
 def worst_first(findings: list[Finding]) -> tuple[Finding, ...]:
     """Findings by severity, then by size, then by line."""
-
-    def key(one: Finding) -> tuple[int, float, int]:
-        return SEVERITIES.index(one.severity), -one.size, one.line
-
-    return tuple(sorted(findings, key=key))
+    rank = SEVERITIES.index
+    return tuple(
+        sorted(findings, key=lambda one: (rank(one.severity), -one.size, one.line))
+    )
 
 
 # How large a link is: the convex hulls of its shapes.

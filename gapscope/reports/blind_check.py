@@ -8,12 +8,19 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import plotly.graph_objects as go
 
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.blind_check.scoring import Compared
-from gapscope.reports.pages import COLOURS, PageSection, figure_html, write_plot_page
+from gapscope.reports.pages import (
+    COLOURS,
+    PageSection,
+    error_bars,
+    figure_html,
+    write_plot_page,
+)
 
 # The truth of a set of cases in lines of text, to look at the generator.
 
@@ -198,14 +205,8 @@ def severity_figure(figures: dict[str, Any]) -> go.Figure:
         shares = [groups[group][key] for group in groups]
         # a class without cases is drawn at zero
         rates = [share["rate"] or 0.0 for share in shares]
-        # Wilson's intervals are not the same to both sides
-        pairs = list(zip(shares, rates, strict=True))
-        intervals = {
-            "type": "data",
-            "symmetric": False,
-            "array": [share["high"] - rate for share, rate in pairs],
-            "arrayminus": [rate - share["low"] for share, rate in pairs],
-        }
+        low, high = np.array([(x["low"], x["high"]) for x in shares]).reshape(-1, 2).T
+        intervals = error_bars(np.array(rates), low, high)
         figure.add_scatter(
             x=list(groups), y=rates, name=name, mode="lines+markers", error_y=intervals
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +20,6 @@ from gapscope.arm.display import (
     MISSING,
     display_unit,
     effect_name,
-    listing,
     nrmse,
     percent,
     significant,
@@ -558,7 +557,8 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
     content = diagnosis.document.get("against")
     if content is None:
         return None
-    today = content["today"]
+    today, names = content["today"], joint_names(diagnosis.document)
+    then, std = content["identified"], content["identified_std"]
     # what possible bodies lack at most of a joint's torque; empty in a document that does not say so
     remainder = content.get("remainder")
     lacking = percent(max(remainder["torque_nrmse"])) if remainder else ""
@@ -568,35 +568,31 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "parameters": content["base_parameters"],
         "law": content["friction_law"],
         "ratio": percent(content["torque_ratio_to_nominal"]),
-        "joints": list(_reference_joints(content, joint_names(diagnosis.document))),
+        # what was identified, ``value ± std``, and friction on the day of the case with the change
+        "joints": [
+            {
+                "label": f"J{j + 1}",
+                "name": name,
+                "identified": [uncertain(then[key][j], std[key][j]) for key in ADDING],
+                "today": [
+                    _changed(then[k][j], today[k][j]) for k in ("coulomb", "viscous")
+                ],
+                "held_out": content["held_out"]["torque_nrmse"][j],
+                "errors": today["torque_nrmse"][j],
+            }
+            for j, name in enumerate(names)
+        ],
         "sheet": [
             f"{effect_name(e.name)} [{display_unit(e.parameters[0].unit, 1.0)[1]}]"
             for e in ADDING.values()
         ],
         "allowed": percent(today["friction_allowed"]),
         "inherent": [
-            _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
+            effect_name(e["effect"]) + (f" ({acts_on(e)})" if e["joints"] else "")
+            for e in content["inherent"]
         ],
         "lacking": lacking,
     }
-
-
-def _reference_joints(
-    content: Mapping[str, Any], names: Sequence[str]
-) -> Iterator[dict[str, Any]]:
-    """Of each joint what was identified, ``value ± std``, and its friction on the day of the case with the change."""
-    then, std, today = (content[k] for k in ("identified", "identified_std", "today"))
-    for j, name in enumerate(names):
-        yield {
-            "label": f"J{j + 1}",
-            "name": name,
-            "identified": [uncertain(then[key][j], std[key][j]) for key in ADDING],
-            "today": [
-                _changed(then[k][j], today[k][j]) for k in ("coulomb", "viscous")
-            ],
-            "held_out": content["held_out"]["torque_nrmse"][j],
-            "errors": today["torque_nrmse"][j],
-        }
 
 
 def _changed(before: float, after: float) -> str:
@@ -606,12 +602,6 @@ def _changed(before: float, after: float) -> str:
     share = round(100.0 * (after / before - 1.0))
     sign = "−" if share < 0 else "+"
     return f"{significant(after)} ({f'{sign}{abs(share)} %' if share else 'same'})"
-
-
-def _with_joints(name: str, joints: Sequence[int]) -> str:
-    plural = "s" if len(joints) > 1 else ""
-    where = f" (joint{plural} {listing(joint_ranges(joints))})" if joints else ""
-    return effect_name(name) + where
 
 
 # Parts of the report: each takes a diagnosis and returns what its part of the template shows beside the document.
@@ -641,14 +631,21 @@ def where(diagnosis: Diagnosis) -> dict[str, Any]:
         joint |= {"replay_before": before, "replay_after": after}
     # of each joint the region that holds most of the gap in least of the time; a band of frequency if it is all
     out: dict[int, dict[str, Any]] = {}
+    # and what was learnt from its gap, and without a rule the first that was cut in advance
+    known = {region["joint"] for region in regions if region.get("kind") == "rule"}
+    shown = []
     for region in regions:
-        known = out.setdefault(region["joint"], region)
-        if known is not region and _telling(region) > _telling(known):
-            out[region["joint"]] = region
+        joint = region["joint"]
+        if region.get("kind") in LEARNT or joint not in known:
+            shown.append(region)
+        known.add(joint)
+        before = out.setdefault(joint, region)
+        if before is not region and _telling(region) > _telling(before):
+            out[joint] = region
     return {
         "joints": joints,
         "scale": _scale(joints, FLOOR_SCALE),
-        "regions": _first_and_learnt(regions),
+        "regions": shown,
         "telling": list(out.values()),
         "replayed": any(joint["replay_before"] != MISSING for joint in joints),
     }
@@ -676,12 +673,14 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
     for engine in stages[0].get("replay_elsewhere", {}):
         label = f"in {ENGINE_NAMES.get(engine, engine)}"
         replays[label] = [stage["replay_elsewhere"].get(engine) for stage in stages]
-    return {
-        "mean": dict(zip(GAPS, means, strict=True)),
-        "replays": {
-            label: _mean_motions(document, *gaps) for label, gaps in replays.items()
-        },
-    }
+    slides = joint_slides(document)
+    # over the joints that turn, or over slides if all slide: one mean over both would mean nothing
+    kept = [j for j, slid in enumerate(slides) if not slid or all(slides)]
+    texts = {}
+    for label, gaps in replays.items():
+        columns = [[_mean([gap[j] for j in kept] if gap else None)] for gap in gaps]
+        texts[label] = [text for (text,) in _motions([all(slides)], *columns)]
+    return {"mean": dict(zip(GAPS, means, strict=True)), "replays": texts}
 
 
 def expected(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -693,17 +692,6 @@ def expected(diagnosis: Diagnosis) -> dict[str, Any]:
     return {"rows": expected_rows(entries, count), "joints": count}
 
 
-def _first_and_learnt(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of each joint what was learnt from its gap, and without a rule the first that was cut in advance."""
-    known = {region["joint"] for region in regions if region.get("kind") == "rule"}
-    found = []
-    for region in regions:
-        if region.get("kind") in LEARNT or region["joint"] not in known:
-            found.append(region)
-        known.add(region["joint"])
-    return found
-
-
 def _telling(region: Mapping[str, Any]) -> float:
     """Share times log concentration; less than any other for what only a specialist reads."""
     if region.get("kind") in ("frequency", "coherence"):
@@ -711,65 +699,27 @@ def _telling(region: Mapping[str, Any]) -> float:
     return float(region["share"] * np.log(max(region.get("enrichment") or 1.0, 1.0)))
 
 
-def _above_floor(document: Mapping[str, Any]) -> list[tuple[int, str, list[str]]]:
-    """Joints left above the floor: number, how many times the floor, and the effects named on them."""
-    left, effects = document["unexplained"], document["effects"]
-    # without effects the whole gap is left, which is said elsewhere
-    if not left["above_floor"] or not effects:
-        return []
-    return [
-        (
-            joint,
-            significant(left["times_floor"][joint - 1], 2),
-            [effect_name(e["effect"]) for e in effects if joint in e["joints"]],
-        )
-        for joint in left.get("joints", [])
-    ]
-
-
 def _mean(values: Iterable[float | None] | None) -> float | None:
     known = [value for value in values or [] if value is not None]
     return sum(known) / len(known) if known else None
-
-
-def _mean_motions(
-    document: Mapping[str, Any], *columns: list[float | None] | None
-) -> list[str]:
-    """Means over the joints that turn as text, or over slides if all slide: one over both would mean nothing."""
-    slides = joint_slides(document)
-    kept = [j for j, slid in enumerate(slides) if not slid or all(slides)]
-    means = [_mean([column[j] for j in kept] if column else None) for column in columns]
-    shown = _angles(*[[mean] for mean in means], unit="m" if all(slides) else "rad")
-    return [texts[0] for texts in shown]
 
 
 def _motions(slides: list[bool], *columns: list[float | None]) -> list[list[str]]:
     """Columns of angles [rad] and, of joints that slide, distances [m] as text."""
     shown = [[MISSING] * len(slides) for _ in columns]
     # one unit for all that turns, and one for all that slides
-    for sliding, unit in ((False, "rad"), (True, "m")):
+    for sliding, si_unit in ((False, "rad"), (True, "m")):
         places = [j for j, slid in enumerate(slides) if slid == sliding]
-        own = _angles(*[[column[j] for j in places] for column in columns], unit=unit)
-        for row, texts in zip(shown, own, strict=True):
-            for j, text in zip(places, texts, strict=True):
-                row[j] = text
+        known = [column[j] or 0.0 for column in columns for j in places]
+        # the one that suits the largest
+        factor, unit = display_unit(si_unit, max(known, default=0.0))
+        name = unit if unit == "°" else f" {unit}"
+        for texts, column in zip(shown, columns, strict=True):
+            for j in places:
+                value = column[j]
+                if value is not None:
+                    texts[j] = significant(factor * value, 2) + name
     return shown
-
-
-def _angles(*columns: list[float | None], unit: str = "rad") -> list[list[str]]:
-    """Columns of angles [rad], or of another unit, as text, all in the one unit that suits the largest."""
-    factor, unit = display_unit(
-        unit,
-        max((value for column in columns for value in column if value), default=0.0),
-    )
-    name = unit if unit == "°" else f" {unit}"
-    return [
-        [
-            MISSING if value is None else significant(factor * value, 2) + name
-            for value in column
-        ]
-        for column in columns
-    ]
 
 
 # Renders a diagnosis into one self-contained HTML file.
@@ -796,6 +746,18 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
             and (one.joint in entry["joints"] or not entry["joints"])
         ]
 
+    # joints left above the floor: number, how many times the floor, and the effects named on them; without effects the
+    # whole gap is left, which is said elsewhere
+    left, effects = document["unexplained"], document["effects"]
+    above = left.get("joints", []) if left["above_floor"] and effects else []
+    above_floor = [
+        (
+            joint,
+            significant(left["times_floor"][joint - 1], 2),
+            [effect_name(e["effect"]) for e in effects if joint in e["joints"]],
+        )
+        for joint in above
+    ]
     changes = document.get("changes", [])
     write_html(
         "diagnosis/report.html",
@@ -808,7 +770,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
         changes=[capital(change_text(entry)) for entry in changes],
         first=FIRST_SCREEN_EFFECTS,
         signatures=signatures,
-        above_floor=_above_floor(document),
+        above_floor=above_floor,
         where=where(diagnosis),
         how_far=how_far(diagnosis),
         against=against(diagnosis),

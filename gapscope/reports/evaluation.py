@@ -8,6 +8,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -25,6 +26,7 @@ from gapscope.reports.pages import (
     COLOURS,
     PLAIN,
     PageSection,
+    error_bars,
     figure_html,
     subplots,
     terminal_table,
@@ -254,18 +256,9 @@ def _figure(content: Mapping[str, Any], lines: Sequence[Line]) -> Figure:
 
 
 def _bars(means: Sequence[Mapping[str, float]], factor: float) -> dict[str, Any]:
-    """Error bars of means; an interval without an upper end has no bar above."""
-    above = [
-        factor * (m["high"] - m["value"]) if isfinite(m["high"]) else 0.0 for m in means
-    ]
-    below = [factor * (m["value"] - m["low"]) for m in means]
-    return {
-        "type": "data",
-        "symmetric": False,
-        "array": above,
-        "arrayminus": below,
-        "thickness": 1,
-    }
+    """Error bars of means."""
+    series = [[mean[key] for mean in means] for key in ("value", "low", "high")]
+    return error_bars(*(factor * np.array(series)), thickness=1)
 
 
 # An evaluation as files: page, episodes as CSV, and ``evaluation.json``.

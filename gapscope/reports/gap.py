@@ -10,7 +10,6 @@ from rich.text import Text
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.replay_gap import attempt
 from gapscope.diagnosis.gap.plausible_data import check_rates, no_torque
 from gapscope.effects.corrected import CorrectedArm
@@ -88,13 +87,25 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
     rows = []
     for recording, role in measured:
         found = torque_gap(corrected, body, condition(recording))
-        row = {
-            "recording": recording.name,
-            "role": role,
-            "torque_nrmse": found.nrmse.tolist(),
-            "torque_rmse": found.rmse.tolist(),
-        }
-        rows.append(row | _replay(recording, case, corrected))
+        replayed, problem, _ = attempt(
+            case,
+            corrected.effects,
+            recording,
+            residual=corrected.residual,
+            states=corrected.states,
+        )
+        # as the replay itself decides
+        by_controller = case.controller is not None and recording.q_ref is not None
+        rows.append(
+            {
+                "recording": recording.name,
+                "role": role,
+                "torque_nrmse": found.nrmse.tolist(),
+                "torque_rmse": found.rmse.tolist(),
+                "replay_rmse": None if replayed is None else replayed.tolist(),
+                "replayed": problem or ("controller" if by_controller else "torque"),
+            }
+        )
     return {
         "schema": 1,
         "case": case.name,
@@ -105,23 +116,4 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
             *case.notes,
             *filter(None, (corrected.taken_as(r.name) for r, _ in measured)),
         ],
-    }
-
-
-def _replay(
-    recording: Recording, case: Case, corrected: CorrectedArm
-) -> dict[str, Any]:
-    replayed, problem, _ = attempt(
-        case,
-        corrected.effects,
-        recording,
-        residual=corrected.residual,
-        states=corrected.states,
-    )
-    # as the replay itself decides
-    through_controller = case.controller is not None and recording.q_ref is not None
-    how = "controller" if through_controller else "torque"
-    return {
-        "replay_rmse": None if replayed is None else replayed.tolist(),
-        "replayed": problem or how,
     }

@@ -22,7 +22,6 @@ from gapscope.ident.identification import (
     FOUND,
     WORSE,
     Identification,
-    Row,
     Validation,
 )
 from gapscope.ident.identification_json import (
@@ -104,6 +103,12 @@ def filter_curves(result: Identification) -> dict[str, Any]:
     ]
     # an index of the track, or none
     start = review.converged
+
+    def elapsed(recording: str, time: float) -> float:
+        """Elapsed time of a moment of a recording [s], each of which has a clock of its own."""
+        own = np.array([name == recording for name in review.recordings])
+        return float(np.interp(time, review.times[own], track.t[own]))
+
     # each joint's innovations over the elapsed time
     t = np.cumsum(review.problem.interval) - review.problem.interval[0]
     joints = []
@@ -119,12 +124,19 @@ def filter_curves(result: Identification) -> dict[str, Any]:
         # moments of the changes in elapsed time, in words
         "changes": [
             {
-                "elapsed": _elapsed(review, entry["recording"], entry["time"]),
+                "elapsed": elapsed(entry["recording"], entry["time"]),
                 "text": change_text(entry),
             }
             for entry in change_findings(review.changes)
         ],
-        "starts": _starts(review),
+        # recordings after the first begin where the one before ends
+        "starts": [
+            {"elapsed": float(t), "name": name}
+            for t, before, name in zip(
+                track.t, review.recordings, review.recordings[1:], strict=False
+            )
+            if name != before
+        ],
     }
 
 
@@ -138,21 +150,6 @@ def _first(review: FilterReview, names: list[str]) -> int:
     # names begin with b, viscous, and c, Coulomb
     friction = [i for i, name in enumerate(names) if name[0] in "bc"]
     return friction[0] if friction else 0
-
-
-def _elapsed(review: FilterReview, recording: str, time: float) -> float:
-    """Elapsed time of a moment of a recording [s]."""
-    # each recording has a clock of its own
-    own = np.array([name == recording for name in review.recordings])
-    return float(np.interp(time, review.times[own], review.track.t[own]))
-
-
-def _starts(review: FilterReview) -> list[dict[str, Any]]:
-    """Where recordings after the first begin, in elapsed time."""
-    names = review.recordings
-    edges = [k for k in range(1, len(names)) if names[k] != names[k - 1]]
-    # where the recording before it ends
-    return [{"elapsed": float(review.track.t[k - 1]), "name": names[k]} for k in edges]
 
 
 # What the figures draw: torque over time and the residual over speed, as base64 of float32.
@@ -176,8 +173,22 @@ def payload(result: Identification) -> dict[str, Any]:
         _group(validation, a, b, k)
         # what was held out comes first
         for validation in result.validation[::-1]
-        for k, (a, b) in _spans(validation)
+        for k, (a, b) in enumerate(pairwise(validation.edges), 1)
     ]
+    # what a partial update did to each base parameter, as torque [N m]: it leaves some where they were
+    update = []
+    if result.moved is not None:
+        nominal = result.base.of(result.columns.nominal(result.choice.law))
+        # parameters have different units: each counts by the torque that its column makes
+        size = rms(result.problem.matrix, axis=(0, 1))
+        columns = {
+            "name": np.array(result.estimate.names),
+            "change": (result.estimate.value - nominal) * size,
+            "std": result.uncertainty.deviation * size,
+            "moved": result.moved,
+        }
+        rows = zip(*(own.tolist() for own in columns.values()), strict=True)
+        update = [dict(zip(columns, row, strict=True)) for row in rows]
     return {
         "joints": [f"J{j + 1} {name}" for j, name in enumerate(names)],
         "worst": worst,
@@ -189,30 +200,8 @@ def payload(result: Identification) -> dict[str, Any]:
         ],
         "limit": 1 / CONDITION_LIMIT,
         "filter": filter_curves(result),
-        "update": _update(result),
+        "update": update,
     }
-
-
-def _update(result: Identification) -> list[dict[str, Any]]:
-    """What a partial update did to each base parameter, as torque [N m]; empty of other estimators."""
-    # only a partial update leaves some parameters where they were
-    if result.moved is None:
-        return []
-    nominal = result.base.of(result.columns.nominal(result.choice.law))
-    # parameters have different units: each counts by the torque that its column makes
-    size = rms(result.problem.matrix, axis=(0, 1))
-    columns = {
-        "name": result.estimate.names,
-        "change": (result.estimate.value - nominal) * size,
-        "std": result.uncertainty.deviation * size,
-        "moved": result.moved,
-    }
-    rows = zip(*(np.asarray(own).tolist() for own in columns.values()), strict=True)
-    return [dict(zip(columns, row, strict=True)) for row in rows]
-
-
-def _spans(validation: Validation) -> list[tuple[int, tuple[int, int]]]:
-    return list(enumerate(pairwise(validation.edges), 1))
 
 
 def _group(validation: Validation, a: int, b: int, number: int) -> dict[str, Any]:
@@ -422,7 +411,8 @@ def summary(result: Identification) -> Group:
     """
     found = [row for row in result.table if row.verdict == FOUND]
     # what a row says already is not said twice
-    warnings = [text for text in result.warnings if not _repeats(text, found)]
+    said = tuple(row.cause for row in found)
+    warnings = [text for text in result.warnings if not text.startswith(said)]
     lines = [
         *_facts(result),
         *(f"asks: {question}" for question in result.questions),
@@ -486,11 +476,6 @@ def shortened(warning: str, limit: int = MAX_WARNING) -> str:
             break
         kept = f"{kept}; {clause}"
     return textwrap.shorten(kept, limit, placeholder=" ...")
-
-
-def _repeats(warning: str, found: Sequence[Row]) -> bool:
-    """Whether a warning says no more than a row that is shown."""
-    return any(warning.startswith(row.cause) for row in found)
 
 
 def _named(recordings: Sequence[str]) -> str:

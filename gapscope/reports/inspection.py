@@ -51,7 +51,29 @@ def panels_of(found: Inspection, number: int) -> list[Panel]:
         found: what is in the logs.
         number: of the recording, from 0.
     """
-    return [*_over_time(found, number), *_spectra(found, number)]
+    panels = []
+    for channel, name in CHANNELS_DRAWN.items():
+        series = _series(found, number, channel)
+        if series is not None:
+            t, values, unit = series
+            step = -(-len(t) // POINTS)
+            # values that no unit explains would flatten all others
+            drawn = np.where(np.abs(values) < BEYOND, values, np.nan)
+            panels.append(Panel(f"{name} [{unit}]", t[::step], drawn[::step]))
+    # amplitude spectral densities of what moves and of the torque
+    for channel, name in (("q", "position"), ("tau", "torque")):
+        series = _series(found, number, channel)
+        # one of them would fill the whole spectrum
+        if series is None or not (np.abs(series[1]) < BEYOND).all():
+            continue
+        t, values, unit = series
+        rate = 1.0 / float(np.median(np.diff(t)))
+        frequency, power = welch(values, rate, nperseg=min(len(t), 1024), axis=0)
+        # without frequency zero, which a logarithmic axis does not have
+        density = np.sqrt(power[1:])
+        title = f"spectrum of {name} [{unit}/√Hz]"
+        panels.append(Panel(title, frequency[1:], density, spectrum=True))
+    return panels
 
 
 def _series(
@@ -66,36 +88,6 @@ def _series(
     if guess is None:
         return None
     return table.time.seconds, guess.group.values, guess.unit
-
-
-def _over_time(found: Inspection, number: int) -> Iterator[Panel]:
-    for channel, name in CHANNELS_DRAWN.items():
-        series = _series(found, number, channel)
-        if series is not None:
-            t, values, unit = series
-            step = -(-len(t) // POINTS)
-            # values that no unit explains would flatten all others
-            drawn = np.where(np.abs(values) < BEYOND, values, np.nan)
-            yield Panel(f"{name} [{unit}]", t[::step], drawn[::step])
-
-
-def _spectra(found: Inspection, number: int) -> Iterator[Panel]:
-    """Amplitude spectral densities of what moves and of the torque."""
-    for channel, name in (("q", "position"), ("tau", "torque")):
-        series = _series(found, number, channel)
-        # one of them would fill the whole spectrum
-        if series is None or not (np.abs(series[1]) < BEYOND).all():
-            continue
-        t, values, unit = series
-        rate = 1.0 / float(np.median(np.diff(t)))
-        frequency, power = welch(values, rate, nperseg=min(len(t), 1024), axis=0)
-        # without frequency zero, which a logarithmic axis does not have
-        yield Panel(
-            f"spectrum of {name} [{unit}/√Hz]",
-            frequency[1:],
-            np.sqrt(power[1:]),
-            spectrum=True,
-        )
 
 
 # The panels of a log as a PNG, for a chat or an issue.

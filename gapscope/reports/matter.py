@@ -15,6 +15,7 @@ from gapscope.reports.pages import (
     COLOURS,
     PLAIN,
     PageSection,
+    error_bars,
     figure_html,
     subplots,
     write_plot_page,
@@ -102,12 +103,7 @@ def write_page(content: Mapping[str, Any], path: Path) -> None:
         y=[_name(row) for row in rows],
         orientation="h",
         marker={"color": COLOURS[0]},
-        error_x={
-            "type": "data",
-            "symmetric": False,
-            "array": (high - value).tolist(),
-            "arrayminus": (value - low).tolist(),
-        },
+        error_x=error_bars(value, low, high),
     )
     figure.update_xaxes(title="change of the tracking error [mrad]")
     drawn = figure_html(figure, "matter", 160 + 30 * len(rows))

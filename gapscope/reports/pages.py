@@ -254,6 +254,17 @@ def panels_figure(
     return figure
 
 
+def error_bars(
+    value: np.ndarray, low: np.ndarray, high: np.ndarray, **style: Any
+) -> dict[str, Any]:
+    """Bars from low to high, (M,), of a trace at values, (M,); an end that is infinite has no bar."""
+    above, below = (
+        np.where(np.isfinite(x), x, 0.0) for x in (high - value, value - low)
+    )
+    ends = {"array": above.tolist(), "arrayminus": below.tolist()}
+    return {"type": "data", "symmetric": False, **ends, **style}
+
+
 def _rounded(values: np.ndarray) -> list[float]:
     """Five significant digits: a page should stay small."""
     return [float(f"{value:.5g}") for value in values]

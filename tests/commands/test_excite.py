@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -20,9 +20,7 @@ QUICK = ("--evaluations", 25, "--seed", 1, "--optimiser", "random")
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
-    with path.open(newline="") as file:
-        header, *rows = csv.reader(file)
-    return dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+    return {name: own.to_numpy() for name, own in pd.read_csv(path).items()}
 
 
 def test_writes_csv_ros_trajectory_and_plot(gapscope: Command, tmp_path: Path) -> None:

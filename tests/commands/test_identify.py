@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from collections.abc import Callable
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from sweeps import daily
 
@@ -43,18 +43,14 @@ def identify(gapscope: Command, tmp_path: Path) -> Command:
     return call
 
 
-def change_torque(case: Path, change: Callable[[float], float], *files: str) -> None:
+def change_torque(case: Path, change: Callable[[Any], Any], *files: str) -> None:
     """Change the torque of some recordings of a case, or of all."""
-    for path in sorted(case.glob("recording_*.csv")):
-        header, *rows = csv.reader(path.open(encoding="utf-8"))
-        places = [i for i, name in enumerate(header) if name.startswith("tau")]
-        if files and path.name not in files:
-            continue
-        for row in rows:
-            for i in places:
-                row[i] = f"{change(float(row[i])):.17g}"
-        with path.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([header, *rows])
+    for path in case.glob("recording_*.csv"):
+        if not files or path.name in files:
+            table = pd.read_csv(path)
+            names = [name for name in table if name.startswith("tau")]
+            table[names] = change(table[names])
+            table.to_csv(path, index=False)
 
 
 def test_writes_its_files_and_names_them(identified: Once) -> None:

@@ -86,30 +86,6 @@ def test_round_trip(effects: list[AppliedEffect], name: str) -> None:
             np.testing.assert_array_equal(read.parameters[key], value)
 
 
-def test_the_example_of_the_format(tmp_path: Path) -> None:
-    path = tmp_path / "corrected.yaml"
-    path.write_text(
-        """schema: 1
-case: case005                     # informative
-effects:
-  - effect: actuator_delay
-    joints: [4, 5]
-    parameters: {delay: [0.0088, 0.0146]}        # names and units of EFFECTS.md
-  - effect: payload
-    parameters: {mass: 1.05, com: [0.01, 0.0, 0.05]}
-"""
-    )
-    delay, payload = read_corrected(str(path))
-    assert (delay.name, delay.joints) == ("actuator_delay", (4, 5))
-    np.testing.assert_array_equal(delay.parameters["delay"], [0.0088, 0.0146])
-    assert (payload.name, payload.joints, float(payload.parameters["mass"])) == (
-        "payload",
-        (),
-        1.05,
-    )
-    np.testing.assert_array_equal(payload.parameters["com"], [0.01, 0.0, 0.05])
-
-
 def entry(text: str) -> str:
     return f"schema: 1\neffects:\n  - {{effect: payload, parameters: {{mass: 1, com: [0, 0, 0]}}}}\n  - {text}\n"
 
@@ -202,40 +178,25 @@ def test_setup_faults_go_there_and_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("entry", "message"),
+    ("entry", "place", "message"),
     [
-        ("{effect: sign_flip, joints: [2], variant: torqe}", "did you mean 'torque'"),
-        ("{effect: sign_flip, joints: [2], parameters: {size: 1}}", "has no 'size'"),
-        ("{effect: time_stamps, variant: jitter}", "amount"),
+        ("{effect: sign_flip, joints: [2], variant: torqe}", "", "did you mean 'torque'"),
+        ("{effect: sign_flip, joints: [2], parameters: {size: 1}}", "", "has no 'size'"),
+        ("{effect: time_stamps, variant: jitter}", "", "amount"),
+        ("{effect: sign_flip, joints: [true], variant: torque}", ".joints[0]", "expected a number"),
+        ("{effect: shifted_inertials, parameters: {by: on}}", ".parameters.by", "expected a number"),
     ],
-)
+)  # fmt: skip
 def test_setup_faults_that_cannot_be_made_name_their_entry(
-    tmp_path: Path, entry: str, message: str
+    tmp_path: Path, entry: str, place: str, message: str
 ) -> None:
     path = tmp_path / "truth.yaml"
     path.write_text(f"schema: 1\neffects:\n  - {entry}\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"truth\.yaml.*effects\[0\]") as caught:
+    with pytest.raises(InputError, match=r"truth\.yaml") as caught:
         read_with_faults(path)
-    assert message in str(caught.value)
-    with pytest.raises(InputError, match="fault of the set-up"):
+    assert f"effects[0]{place}" in str(caught.value) and message in str(caught.value)
+    with pytest.raises(InputError, match="fault of the set-up|expected a number"):
         read_corrected(path)
-
-
-@pytest.mark.parametrize(
-    ("entry", "place"),
-    [
-        ("{effect: sign_flip, joints: [true], variant: torque}", "joints[0]"),
-        ("{effect: shifted_inertials, parameters: {by: on}}", "parameters.by"),
-    ],
-)
-def test_true_is_no_number_of_a_setup_fault(
-    tmp_path: Path, entry: str, place: str
-) -> None:
-    path = tmp_path / "truth.yaml"
-    path.write_text(f"schema: 1\neffects:\n  - {entry}\n", encoding="utf-8")
-    with pytest.raises(InputError, match="expected a number") as caught:
-        read_with_faults(path)
-    assert f"effects[0].{place}" in str(caught.value)
 
 
 REMAINDER = np.arange(30.0).reshape(3, 10) / 7.0

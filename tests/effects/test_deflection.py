@@ -119,41 +119,6 @@ class TestElasticity:
         )
         assert abs(gain - expected) < 0.03 * abs(expected)
 
-    def test_without_damping_the_link_rings_on(self, turntable: RigidBody) -> None:
-        """After a jerk the motor rests; the link swings on at its natural frequency, its energy kept."""
-        t = np.arange(int(4 * RATE)) / RATE
-        jerk = 5.0 * ((t > 1.0) & (t < 1.03))[:, None]
-        found = behind_elasticity(
-            turntable,
-            Motion(t, 0 * jerk, 0 * jerk, 0 * jerk),
-            jerk,
-            np.array([self.spring()]),
-            NONE,
-        )[:, 0]
-        early, late = (found[(t > a) & (t < a + 1)] for a in (1.1, 2.9))
-        assert np.abs(early).max() > 1.0
-        assert late.std() == pytest.approx(early.std(), rel=0.01)
-        ringing = found[t > 1.1]
-        crossings = np.flatnonzero(np.diff(np.sign(ringing))) / RATE
-        assert 0.5 / np.diff(crossings).mean() == pytest.approx(self.NATURAL, rel=0.01)
-
-    @pytest.mark.parametrize("angle", [0.8, -0.8])
-    def test_static_deflection(self, swing: RigidBody, angle: float) -> None:
-        """At rest the link hangs below the motor: k (theta - q) = -9.81 cos q."""
-        k = 500.0
-        q = brentq(
-            lambda x: k * (angle - x) + 9.81 * np.cos(x), angle - 0.5, angle + 0.5
-        )
-        motion = at_rest(angle)
-        torque = rigid(swing, motion)
-        found = behind_elasticity(swing, motion, torque, np.array([k]), np.array([5.0]))
-        assert abs(torque[0, 0] / k) == pytest.approx(
-            abs(angle - q), rel=0.02
-        )  # tau / k, to first order
-        np.testing.assert_allclose(
-            found - torque, -9.81 * (np.cos(q) - np.cos(angle)), rtol=0.02
-        )
-
     def test_torque_of_all_joints_follows_the_links(self, two: NominalArm) -> None:
         """Two joints, the second elastic, against the full equations of motion integrated by ``solve_ivp``."""
         body, k, d = RigidBody(two), 1500.0, 12.0

@@ -307,7 +307,7 @@ def _sized(
 
     A strong effect is lifted to ``MIN_NRMSE``, if that takes it beyond its class.
     """
-    own = cause.law.own
+    own, joints = cause.law.own, cause.joints
     least = np.zeros(setup.arm.n)
     if severity[0] >= STRONG[0][0]:
         least = MIN_NRMSE / (setup.floor / setup.context.deviation)
@@ -323,7 +323,15 @@ def _sized(
             if shrunk < 0.2:
                 return None
             continue
-        reached, wanted = _reached_and_wanted(cause, ratios, targets, least)
+        # of each joint, or of the one where it is widest if its joints are not sized one by one
+        reached, wanted = ratios[joints], targets
+        if own:
+            wanted = np.maximum(targets, least[joints])
+        else:
+            reached = ratios.max(keepdims=True)
+            # ratio at which the effect becomes visible on some joint
+            visible_at = reached * (least / np.maximum(ratios, 1e-9)).min()
+            wanted = np.maximum(targets.max(keepdims=True), visible_at)
         highest = max(severity[1], 1.2 * wanted.max())
         in_class = severity[0] <= ratios.max() <= highest
         visible = own or (ratios >= 0.9 * least).any()
@@ -334,26 +342,6 @@ def _sized(
         factor = np.clip(wanted / np.maximum(reached, 1e-9), 0.1, 6.0)
         cause = cause.sized(factor if own else np.full(len(targets), factor[0]))
     return None
-
-
-def _reached_and_wanted(
-    cause: Cause, ratios: np.ndarray, targets: np.ndarray, least: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Ratio to the floor that a cause reaches, and the one that it should reach.
-
-    Per joint of the cause; a single pair, of the joint where it is widest, if its joints are not sized one by one.
-
-    Args:
-        cause: the cause.
-        ratios: what it adds to the gap over the floor, (n,).
-        targets: ratios wanted, (1,) or one per joint of the cause.
-        least: ratio of each joint at which the effect becomes visible, (n,).
-    """
-    if cause.law.own:
-        return ratios[cause.joints], np.maximum(targets, least[cause.joints])
-    visible_at = ratios.max() * (least / np.maximum(ratios, 1e-9)).min()
-    wanted = np.maximum(targets.max(keepdims=True), np.array([visible_at]))
-    return np.array([ratios.max()]), wanted
 
 
 def draw_joints(kind: str, n: int, rng: np.random.Generator) -> np.ndarray | None:
@@ -455,9 +443,16 @@ def _attempt(spec: CaseSpec, rng: np.random.Generator, attempt: int) -> MadeCase
     setup = draw_setup(spec.conditions, rng)
     if setup is None:
         return None
-    causes = _draw_causes(spec, setup, rng)
-    if causes is None:
-        return None
+    causes, known = [], {**LAWS, **VARIANTS}
+    for name in spec.laws:
+        # each with a few tries
+        drawn = (
+            draw_cause(known[name], setup, spec.severity, rng) for _ in range(DRAWS)
+        )
+        cause = next((cause for cause in drawn if cause is not None), None)
+        if cause is None:
+            return None
+        causes.append(cause)
     plant = setup.plant(causes)
     rows = []
     # the held-out one is tried first, and becomes the last
@@ -480,22 +475,6 @@ def _attempt(spec: CaseSpec, rng: np.random.Generator, attempt: int) -> MadeCase
     for spoil in plant.spoil:
         rows = [spoil(recorded, rng) for recorded in rows]
     return MadeCase(setup, plant, tuple(causes), rows, label)
-
-
-def _draw_causes(
-    spec: CaseSpec, setup: CaseSetup, rng: np.random.Generator
-) -> list[Cause] | None:
-    """The causes of a case, each with a few tries; ``None`` if one of them finds no size."""
-    causes, known = [], {**LAWS, **VARIANTS}
-    for name in spec.laws:
-        drawn = (
-            draw_cause(known[name], setup, spec.severity, rng) for _ in range(DRAWS)
-        )
-        cause = next((cause for cause in drawn if cause is not None), None)
-        if cause is None:
-            return None
-        causes.append(cause)
-    return causes
 
 
 def _shown(
@@ -536,10 +515,15 @@ def _label(
         if cause.law.measure == "step"
     ]
     ratio = float((nrmse / floor).max()) if by_torque else max(steps, default=None)
+    severity = spec.severity
+    # the class that a single effect has come into; that of the plan for several, none without any
+    if severity is not None and len(causes) == 1 and by_torque:
+        classes = (*WEAK, *STRONG)
+        severity = next((x for x in classes if own.max() <= x[1]), classes[-1])
     return {
         "kind": spec.kind,
         "effects": [cause.label() for cause in causes],
-        "severity": _class(spec, causes, own),
+        "severity": severity and list(severity),
         "measure": "torque" if by_torque else "step" if steps else "none",
         "ratio": None if ratio is None else round(ratio, 3),
         "signature": _rounded(own, 3),
@@ -555,18 +539,6 @@ def _label(
 def _rounded(values: np.ndarray, digits: int) -> list[float]:
     """Numbers of a label."""
     return [round(float(x), digits) for x in values]
-
-
-def _class(spec: CaseSpec, causes: list[Cause], own: np.ndarray) -> list[float] | None:
-    """The severity class that a single effect has come into; that of the plan for several, none without any."""
-    if spec.severity is None:
-        return None
-    if len(causes) != 1 or causes[0].law.measure != "torque":
-        return list(spec.severity)
-    for severity in (*WEAK, *STRONG):
-        if own.max() <= severity[1]:
-            return list(severity)
-    return list(STRONG[-1])
 
 
 def write_case(

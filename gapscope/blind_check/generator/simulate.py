@@ -25,8 +25,6 @@ from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 # Motions that excite an arm: sums of sines slow and fast, point to point, crawl; at rest at both ends.
 
 
-KINDS = ("slow", "middle", "fast", "point_to_point", "crawl")
-"""Names of the kinds of motion."""
 _BANDS = {"slow": (0.09, 0.55, 5), "middle": (0.1, 1.6, 7), "crawl": (0.03, 0.25, 3)}
 """Lowest and highest frequency [Hz] and number of sines per joint."""
 
@@ -268,16 +266,10 @@ def nominal_torque(
     speed = spline.derivative(1)(even)
     acceleration = spline.derivative(2)(even)
     rigid = inverse_dynamics(model, position, speed, acceleration)
-    return rigid + sheet_torque(sheet, speed, acceleration)
-
-
-def sheet_torque(
-    sheet: dict[str, np.ndarray], speed: np.ndarray, acceleration: np.ndarray
-) -> np.ndarray:
-    """Torque of rotors and friction by the data sheet [N m], (N, n)."""
+    # of rotors and friction by the data sheet
     rotors = sheet["armature"] * acceleration
     dry = sheet["coulomb"] * np.tanh(speed / KNEE)
-    return rotors + dry + sheet["viscous"] * speed
+    return rigid + (rotors + dry + sheet["viscous"] * speed)
 
 
 def residual(

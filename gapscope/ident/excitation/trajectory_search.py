@@ -981,11 +981,9 @@ class TrajectorySearch:
 Optimiser = Callable[[TrajectorySearch, np.random.Generator], None]
 
 
-def random_search(
-    search: TrajectorySearch, rng: np.random.Generator, feasible: float = np.inf
-) -> None:
-    """Independent draws of standard normal numbers, until the budget is spent or so many kept all limits."""
-    while not search.spent and search.feasible < feasible:
+def random_search(search: TrajectorySearch, rng: np.random.Generator) -> None:
+    """Independent draws of standard normal numbers, until the budget is spent."""
+    while not search.spent:
         search.score(search.parametrisation.draw(rng))
 
 

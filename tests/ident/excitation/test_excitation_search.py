@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from cases import sines
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -21,11 +19,8 @@ from gapscope.ident.excitation.design import (
     ExcitationPlan,
     LimitPlan,
     binding_limit,
-    check_condition,
     design,
     prepare,
-    sampled,
-    write_joint_trajectory,
 )
 from gapscope.ident.excitation.trajectory_search import (
     CRITERIA,
@@ -156,17 +151,6 @@ def test_separation_finds_a_trajectory_that_tells_the_effects_apart(
     assert found.separated.least > first.separated.least
 
 
-def test_when_no_candidate_keeps_the_limits_the_hardest_is_named(
-    arm: NominalArm,
-) -> None:
-    """The arm can be held upright with 6 % of its torque, but hardly moved."""
-    plan = ExcitationPlan(order=2, budget=Budget(20), optimiser="random")
-    limits = LimitPlan(torque=0.06, singular=0.0)
-    message = "(?s)none of 20 candidates keeps all limits; broken most: torque.*--tor"
-    with pytest.raises(InputError, match=message):
-        design(prepare(arm, plan, limits), np.random.default_rng(0))
-
-
 SENSELESS: dict[str, tuple[Callable[[], object], str]] = {
     "no evaluations": (lambda: Budget(evaluations=0), "spent at once"),
     "negative seconds": (lambda: Budget(seconds=-1.0), "spent at once"),
@@ -182,25 +166,6 @@ def test_budgets_and_way_points_that_make_no_sense_are_refused(what: str) -> Non
     made, message = SENSELESS[what]
     with pytest.raises(InputError, match=message):
         made()
-
-
-def test_joint_trajectory_holds_the_motion(tmp_path: Path, limits: Limits) -> None:
-    made = Parametrisation(KINDS["quintic"](3, 4.0, 2, 0.5), limits)
-    motion = sampled(made.reference(made.draw(np.random.default_rng(0))), 4.0, 250.0)
-    write_joint_trajectory(motion, ("a", "b: c", "it's"), tmp_path / "x.yaml")
-    message = yaml.safe_load((tmp_path / "x.yaml").read_text())
-    assert message["joint_names"] == ["a", "b: c", "it's"]
-    points = message["points"]
-    due = [(p["time_from_start"]["sec"], p["time_from_start"]["nanosec"]) for p in points]  # fmt: skip
-    times = np.array(due) @ [1.0, 1e-9]
-    assert times[0] == 0 and times[-1] == pytest.approx(4.0)
-    assert (np.diff(times) > 0).all()
-    rows = np.searchsorted(motion.t, times - 1e-6)
-    keys = ("positions", "velocities", "accelerations")
-    for key, series in zip(keys, (motion.q, motion.dq, motion.ddq), strict=True):
-        written = [p[key] for p in points]
-        np.testing.assert_allclose(written, series[rows], atol=1e-9)
-    assert points[-1]["velocities"] == [0.0, 0.0, 0.0]
 
 
 # Every candidate keeps its limits, rests at both ends, and the exact gradients are those of finite differences.
@@ -311,14 +276,3 @@ def test_the_limit_that_keeps_a_motion_small_is_named(
     x, condition = candidate(search)
     found = binding_limit(search, x, condition)
     assert found is not None and found[0] == name and found[1] < condition / 5
-
-
-def test_a_useless_trajectory_is_refused_with_the_option_that_helps(
-    searching: Searching,
-) -> None:
-    search = searching(acceleration=np.full(3, 1e-5))
-    x, condition = candidate(search)
-    assert condition > 1e8
-    message = "(?s)acceleration keeps it small.*remedy: raise --acceleration"
-    with pytest.raises(InputError, match=message):
-        check_condition(search, x, condition)

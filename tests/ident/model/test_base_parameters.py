@@ -22,15 +22,12 @@ from gapscope.ident.model.base_parameters import (
     RECOVERED,
     BaseParameters,
     base_parameters,
-    random_states,
     recoveries,
     structural_base,
 )
 from gapscope.ident.model.physical_parameters import (
     check_links,
     consistent,
-    from_log_cholesky,
-    log_cholesky_jacobian,
 )
 from gapscope.ident.model.regressor import Regressor
 
@@ -58,13 +55,6 @@ def measured(data_root: Path, name: str) -> NominalArm:
 def random_base(arm: NominalArm, quantities=()):
     regressor = Regressor(arm, quantities=quantities)
     return regressor, structural_base(regressor, np.random.default_rng(0))
-
-
-@pytest.fixture(scope="module")
-def iiwa():
-    regressor, base = random_base(load_nominal_arm("kuka_iiwa"), ("rotor",))
-    Y = regressor.matrix(random_states(regressor, np.random.default_rng(1), 100))
-    return regressor, base, Y
 
 
 @pytest.mark.parametrize(
@@ -104,13 +94,6 @@ def test_an_arm_has_the_combinations_of_the_textbook(name, tmp_path):
     kinds, axes, expected = TEXTBOOK[name]
     _, base = random_base(in_a_row(tmp_path, kinds, axes))
     assert base.expressions() == expected
-
-
-def test_base_columns_give_the_same_torque_on_other_states(iiwa):
-    _, base, Y = iiwa
-    pi = np.random.default_rng(2).standard_normal(77)
-    assert np.allclose(Y[:, :, base.kept] @ base.of(pi), Y @ pi, rtol=0, atol=1e-8)
-    assert np.array_equal(base.combination[:, base.kept], np.eye(base.count))
 
 
 NAMES = ("m1", "mx1")
@@ -220,17 +203,6 @@ def test_what_is_recovered_alone_in_combination_and_hidden() -> None:
     assert status == RECOVERED and min(abs(std - 0.1), abs(std - 0.2)) < 1e-9
     assert found.pop("m1") == found.pop("mx1") == (COMBINED, None)
     assert {status for status, _ in found.values()} == {HIDDEN}
-
-
-# Coordinates in which every body is physical.
-
-
-def test_jacobian_of_log_cholesky_by_differences() -> None:
-    theta, h = np.random.default_rng(1).standard_normal((4, 10)), 1e-6
-    ends = ([from_log_cholesky(theta + s * x) for x in h * np.eye(10)] for s in (1, -1))
-    ahead, behind = (np.stack(end, axis=-1) for end in ends)
-    found = log_cholesky_jacobian(theta)
-    assert np.allclose(found, (ahead - behind) / (2 * h), rtol=1e-6, atol=1e-6)
 
 
 # The matrices of the base parameters, both ways.

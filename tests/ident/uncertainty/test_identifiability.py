@@ -109,14 +109,6 @@ def test_healthy_arm_is_shown_whole() -> None:
     assert found.reasons == ()
 
 
-def test_intervals_hold_the_recorded_torque() -> None:
-    predicted = healthy().predicted
-    assert predicted is not None and (predicted.held > 0.9).all()
-    torque = healthy().validation[1].torque
-    size = np.sqrt((torque**2).mean(axis=0))
-    assert (predicted.half_width < 0.1 * size).all()
-
-
 def test_essential_parameters_explain_the_torque() -> None:
     essential = healthy().essential
     assert essential is not None
