@@ -23,7 +23,6 @@ from gapscope.effects.friction import (
     saturating_amplitude,
     stribeck_amplitude,
 )
-from gapscope.effects.setup_faults import UNIT_FACTOR
 from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH
 from gapscope.ident.model.physical_parameters import LEAST_MASS, LENGTH
 from gapscope.ident.model.regressor import Regressor
@@ -295,6 +294,11 @@ def _along(series: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 
 # Whether samples can determine parameters, and if not, why: causes before a solver meets them.
+
+
+UNIT_FACTOR = 5.0
+"""Torque larger or smaller than the nominal arm's by more than this is suspected of another unit: friction that no data
+sheet states may be several times as large as the rest [1]."""
 
 
 def check_samples(
