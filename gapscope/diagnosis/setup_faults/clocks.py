@@ -81,17 +81,26 @@ VELOCITY_UNITS = {
 """Velocities over what positions change by per second, of units that do not fit together [1]."""
 
 
-def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
-    """Time stamps that are wrong, one finding for each kind, of the recordings that have it."""
+def find_stamps(
+    recordings: Iterable[Recording], *, by_velocity: bool = True
+) -> tuple[FoundFault, ...]:
+    """Time stamps that are wrong, one finding for each kind, of the recordings that have it.
+
+    Args:
+        recordings: as they were read.
+        by_velocity: whether recorded velocities tell wrong rates.
+    """
     recordings = tuple(recordings)
     found: list[FoundFault] = []
-    for search in (
+    searches: list[Callable[[tuple[Recording, ...]], FoundFault | None]] = [
         _milliseconds,
         partial(_above, "repeats", repeats, NAMED_REPEATS),
         partial(_above, "jitter", jitter, NAMED_JITTER),
         partial(_above, "gaps", lost, NAMED_LOST),
-        _wrong_rate,
-    ):
+    ]
+    if by_velocity:
+        searches.append(_wrong_rate)
+    for search in searches:
         fault = search(recordings)
         if fault is not None:
             # the next search sees recordings on which this fault is corrected

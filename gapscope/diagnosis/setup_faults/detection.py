@@ -50,8 +50,15 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
     """
     if not case.recordings:
         return ()
-    stamps = _of_time(case)
+    # stamps first: every filter and derivative rests on them
+    stamps = find_stamps((*case.recordings, *case.judged))
     even = repaired(case, stamps)
+    check_rates(even)
+    # then one clock: the search compares motion and torque row by row
+    clock = find_torque_clock(select_windows(even))
+    if clock is not None:
+        stamps = (*stamps, clock)
+        even = repaired(case, stamps)
     shown = faults_by_torque(select_windows(even))
     # gaps are those of the case as it was read, stamps included
     return _with_gaps(select_windows(case), merged((*stamps, *shown)))
@@ -82,17 +89,11 @@ def on_one_clock(case: Case) -> Case:
 
     What is compared row by row, such as a control law with its torque, asks for that before other faults are known.
     """
-    return repaired(case, _of_time(case)) if case.recordings else case
-
-
-def _of_time(case: Case) -> tuple[FoundFault, ...]:
-    """Faults of the stamps, on which every filter and derivative rests, then of the clock of the torque."""
-    stamps = find_stamps((*case.recordings, *case.judged))
-    even = repaired(case, stamps)
-    check_rates(even)
-    # the search compares motion and torque row by row
+    # which velocities are whose is not known yet
+    every = (*case.recordings, *case.judged)
+    even = repaired(case, find_stamps(every, by_velocity=False))
     clock = find_torque_clock(select_windows(even))
-    return stamps if clock is None else (*stamps, clock)
+    return even if clock is None else repaired(even, (clock,))
 
 
 def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, ...]:
