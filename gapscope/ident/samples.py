@@ -18,7 +18,6 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import STILL, Recording, resting
 from gapscope.arm.root_mean_square import rms
 from gapscope.effects.friction import (
-    SATURATION_SPEEDS,
     friction_direction,
     saturating_amplitude,
     stribeck_amplitude,
@@ -101,7 +100,9 @@ MOVING = 0.05
 """A joint moves when it is faster than this [rad/s]."""
 STRIBECK_SPEEDS = (MOVING, 0.1, 0.2, 0.5, 1.0, 2.0)
 """Speeds vs tried for d exp(-(v / vs)^2) [rad/s]."""
-PRESLIDING_DISTANCES = np.geomspace(2e-5, 1e-3, 6).tolist()
+SATURATION_SHARES = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7)
+"""Speeds vt tried for s tanh(|v| / vt), over the largest speed of each drive [1]."""
+PRESLIDING_DISTANCES = (2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3)
 """Distances tried over which dry friction turns round at a reversal [rad]: beyond those of an arm that is known, since
 play and bending look alike."""
 
@@ -780,6 +781,10 @@ class FrictionTrials:
         return held_out, fitted
 
 
+LOOSE = 1e-8
+"""Strength of the pull on parameters that the nominal arm need not have, over that on all others [1]."""
+
+
 def penalties(samples: Samples, law: FrictionLaw, squares: np.ndarray) -> np.ndarray:
     """Diagonal of the pull's quadratic form for pull 1 [1/x^2], shape (p,): 1 / scale^2, a trace elsewhere.
 
@@ -788,7 +793,7 @@ def penalties(samples: Samples, law: FrictionLaw, squares: np.ndarray) -> np.nda
     scale = samples.columns.scale(law)
     size = np.sqrt(squares / len(samples.torque))
     # a weak prior on parameters that the nominal arm need not have keeps the system regular
-    trace = ROUNDING * np.where(size > 0, size, 1.0) ** 2
+    trace = LOOSE * np.where(size > 0, size, 1.0) ** 2
     return np.where(np.isfinite(scale), scale**-2.0, trace)
 
 
@@ -916,8 +921,8 @@ def _nonlinear_laws(samples: Samples) -> list[FrictionLaw]:
         if EXCEEDED * speed <= moving.min()
     ]
     # a drive that hardly moves still needs a speed for its column
-    scaled, grid = np.maximum(fastest, STRIBECK_SPEEDS[0]), SATURATION_SPEEDS
-    for share in np.geomspace(grid.lowest, grid.highest, grid.points):
+    scaled = np.maximum(fastest, STRIBECK_SPEEDS[0])
+    for share in SATURATION_SHARES:
         laws.append(FrictionLaw(saturation_speeds=tuple((share * scaled).tolist())))
     return laws
 
