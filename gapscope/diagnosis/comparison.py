@@ -16,9 +16,9 @@ from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.parameter import Parameter
 from gapscope.envs.effect_ranges import Z95
 from gapscope.model.contrast import Answer
+from gapscope.model.design import MIN_TORQUE
 from gapscope.model.difference import GROWTHS as LEARNT_GROWTHS
 from gapscope.model.difference import Difference, Fit
-from gapscope.model.equations import MIN_FORM
 from gapscope.model.explained import Explained, explained
 from gapscope.model.rows import Rows
 from gapscope.model.terms import Candidate, Term, Terms
@@ -301,7 +301,7 @@ class Comparison:
         return out
 
     def _does_the_same(self, mine: frozenset[Term], other: str) -> bool:
-        """Whether an effect can make the torque of a finding to within what no arm is modelled better than."""
+        """Whether an effect can make the torque of a finding itself: what nearly does a faster motion tells apart."""
         own, values = self.fit.own, self.fit.answer.values
         torque = own.torque({one: x for one, x in values.items() if one.term in mine})
         columns = [
@@ -319,7 +319,7 @@ class Comparison:
             for y in (torque, left.reshape(torque.shape))
         )
         # of what nobody sees nothing is the same
-        return missed < MIN_FORM <= seen
+        return missed < MIN_TORQUE <= seen
 
     def _form_of_law(self, applied: AppliedEffect) -> np.ndarray:
         """Factor of the values of each draw, (D,): laws whose form in nature differs are off by half of that."""
