@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.prepare import Prepared
 from gapscope.diagnosis.thresholds import EFFECT_FORM, NAMED_PROBABILITY
 from gapscope.effects.applied import AppliedEffect
@@ -17,7 +18,6 @@ from gapscope.effects.parameter import Parameter
 from gapscope.envs.effect_ranges import Z95
 from gapscope.model.contrast import Answer
 from gapscope.model.design import MIN_TORQUE
-from gapscope.model.difference import GROWTHS as LEARNT_GROWTHS
 from gapscope.model.difference import Difference, Fit
 from gapscope.model.explained import Explained, explained
 from gapscope.model.rows import Rows
@@ -33,7 +33,7 @@ IN_TEN = 0.9
 """A finding's names together hold the true one in nine of ten cases. (definition)"""
 DRAWS = 400
 """Draws of the values. (budget)"""
-GROWTHS = (*LEARNT_GROWTHS, *(LEARNT_GROWTHS[-1] * more for more in LEARNT_GROWTHS))
+GROWTHS = tuple(4.0**k for k in range(1, 7))
 """Growths of form error [1] that are tried in place of a finding: of its torque 2 to 64 times. (budget)"""
 SAMPLING_SKEW = 2.5e-4
 """Standard deviation of a skew that sampling leaves between torque and motion [s]: a torque that is held from one tick
@@ -301,25 +301,28 @@ class Comparison:
         return out
 
     def _does_the_same(self, mine: frozenset[Term], other: str) -> bool:
-        """Whether an effect can make the torque of a finding itself: what nearly does a faster motion tells apart."""
-        own, values = self.fit.own, self.fit.answer.values
-        torque = own.torque({one: x for one, x in values.items() if one.term in mine})
-        columns = [
-            own.torque({one: unit}).ravel()
-            for one in own.candidates
-            if one.effect == other and self._stands_for(one.term, mine, ())
-            for unit in np.eye(len(own.design.places[one.term]))
-        ]
-        if not columns:
-            return False
-        x = np.stack(columns, axis=1)
-        left = torque.ravel() - x @ np.linalg.lstsq(x, torque.ravel(), rcond=None)[0]
-        seen, missed = (
-            float(np.sqrt((y**2).mean(axis=0)).max())
-            for y in (torque, left.reshape(torque.shape))
+        """Whether a finding and another effect make the same torques: what nearly do, a faster motion tells apart."""
+        own = self.fit.own
+
+        def torques(some: Iterable[Candidate]) -> np.ndarray:
+            """Torque of a unit of each coordinate, (M n, c)."""
+            columns = [
+                own.torque({one: unit}).ravel()
+                for one in some
+                for unit in np.eye(len(own.design.places[one.term]))
+            ]
+            return np.array(columns).reshape(-1, own.design.gap.size).T
+
+        there = [one for one in own.candidates if one.effect == other]
+        pair = (
+            torques(one for one in self.fit.mine if one.term in mine),
+            torques(one for one in there if self._stands_for(one.term, mine, ())),
         )
-        # of what nobody sees nothing is the same
-        return missed < MIN_TORQUE <= seen
+        # each by the other; of what shows nowhere nothing is the same
+        return all(x.any() for x in pair) and all(
+            rms(y - x @ np.linalg.lstsq(x, y)[0], None) < MIN_TORQUE
+            for x, y in (pair, pair[::-1])
+        )
 
     def _form_of_law(self, applied: AppliedEffect) -> np.ndarray:
         """Factor of the values of each draw, (D,): laws whose form in nature differs are off by half of that."""

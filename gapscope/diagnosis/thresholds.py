@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.arm.io.layouts import UNITS
 from gapscope.model.conditioning import MIN_CUTOFF, TORQUE_CUTOFF, TRIM
 from gapscope.model.design import LIKELY
 from gapscope.model.equations import MIN_NOISE
@@ -65,7 +64,7 @@ FAULT_COARSE_STEP = 4  # All candidates are compared on every so many-th sample.
 FAULT_FINALISTS = 5  # ...and this many of them on all. (budget)
 # Zeros off by less are no convention but the effect encoder_offset [rad]. (definition)
 MIN_ZERO_OFFSET = np.deg2rad(20.0)
-DECIMAL_UNITS = tuple(UNITS[name] for name in ("mN m", "N cm", "kN"))  # In N m; the last with an arm of 1 m [1].
+DECIMAL_UNITS = (1e-3, 1e-2, 1e3)  # mN m, N cm and kN m in N m [1]. (definition)
 # A joint's factor is known from the nominal torque if they share this part of their variance [1]. (hand)
 KNOWN_FACTOR_R2 = 0.3
 REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)
@@ -129,10 +128,9 @@ INFERRED_GAIN_SPREAD = 1.5
 # A torque was computed from the log's own columns if gains leave less than this of it, over its deviation [1]: logs
 # keep five digits or more, and no torque is measured that well. (physical)
 EXACT_LAW = 1e-3
-# A computed torque does not fit the motion if, with a free scale, friction and offset, it takes away no more of what
-# the nominal arm needs than a law may leave that explains it [1]...
-UNMEASURED_MISFIT = 1 - LAW_EXPLAINS
-# ...or if it leaves this and other gains less by ``LAW_GAIN`` [1]. (hand)
+# A computed torque does not fit the motion if this share of what the nominal arm needs is left by it, with a free
+# scale, friction and offset [1]; or this one if other gains leave less by ``LAW_GAIN``. (hand)
+UNMEASURED_MISFIT = 0.7
 OTHER_GAINS_MISFIT = 0.25
 
 # --- assessment: joint torque sensors
@@ -185,8 +183,7 @@ OSCILLATION_GRID = 8
 # --- assessment: probabilities, replay
 OPEN_ALTERNATIVE = 0.05  # An alternative with this probability leaves the question open [1]. (hand)
 NAMED_PROBABILITY = 0.5  # An effect less probable than this is not named [1]. (definition)
-# Share of the effects confirmed that may be there by chance: none of them leaves a question open by itself [1].
-FALSE_DISCOVERY_RATE = OPEN_ALTERNATIVE
+FALSE_DISCOVERY_RATE = 0.05  # Share of the effects confirmed that may be there by chance [1]. (statistics)
 # Ticks of the controller that are replayed, from the start of a recording: 5 s at 1 kHz, which take a fifth of a
 # second for each arm. (budget)
 REPLAYED_TICKS = 5_000

@@ -26,8 +26,6 @@ from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH
 from gapscope.ident.model.physical_parameters import LEAST_MASS, LENGTH
 from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import (
-    BY_CHANCE,
-    WORKING_RATE,
     Segment,
     blocks,
     condition,
@@ -404,8 +402,8 @@ PER_CUTOFF = 4.0
 """Samples per period of the cut-off that are kept to fit; more hold no further information."""
 MOST = 20_000
 """Samples that are kept at most: long recordings are thinned further, which bounds the memory."""
-LONGEST = MOST / WORKING_RATE
-"""Longer segments are worked on in blocks of at most this [s]: no more samples than are kept."""
+LONGEST = 60.0
+"""Longer segments are worked on in blocks of at most this [s]."""
 AT_LIMIT = 0.99
 """Share of its limit from which a torque is at it [1]."""
 
@@ -548,7 +546,7 @@ class Samples:
 
 ADVISED = 10.0
 """Independent samples per base parameter below which there is a warning [1]."""
-POWER = 1.0 - BY_CHANCE
+POWER = 0.99
 """Share of the torque's power that lies within its bandwidth [1]."""
 
 

@@ -738,13 +738,13 @@ def columns_by_values(
         elif quantity and (arm is None or arm.n_joints == 1):
             groups.append(ColumnGroup(name, ("1",), (name,), x[:, None], BY_NAME))
             taken.add(name)
-    # of columns without a word, those of which a velocity is the derivative
-    velocities = [g for g in groups if meaning_of(g.pattern).quantity == "velocity"]
-    for group, velocity in product(named.groups, velocities):
-        meaning = meaning_of(group.pattern)
+    # of columns without a word, those of which a measured velocity is the derivative
+    rows = np.asarray(table.row_numbers)
+    for group, velocity in product(named.groups, groups):
+        meaning, other = meaning_of(group.pattern), meaning_of(velocity.pattern)
         wordless = not meaning.quantity and not meaning.words & NOT_OF_JOINTS
-        alike = wordless and group.width == velocity.width
-        rows = np.asarray(table.row_numbers)
+        measured = other.quantity == "velocity" and not other.reference
+        alike = wordless and measured and group.width == velocity.width
         if alike and derivative_ratio(rows, group.values, velocity.values) is not None:
             why = f"{velocity.pattern} is its derivative"
             groups.append(replace(group, holds="position", seen=why))

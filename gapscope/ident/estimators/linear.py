@@ -13,7 +13,6 @@ from scipy.stats import norm
 from gapscope.arm.errors import InputError
 from gapscope.arm.root_mean_square import rms
 from gapscope.ident.model.base_parameters import (
-    CONTRIBUTION,
     ROUNDING,
     TINY,
     WORTH,
@@ -64,11 +63,11 @@ Estimator = Callable[[Problem], Estimate]
 # What the linear estimators share: noise, scales, and the estimate that follows.
 
 
-MIN_NOISE = CONTRIBUTION
+MIN_NOISE = 1e-3
 """Least noise over the RMS of the torque where equations have to stay well scaled beside a prior [1]."""
 ROUNDS = 100
 """Most rounds of estimating noise, or weights, and parameters in turn."""
-SETTLED = CONTRIBUTION**2
+SETTLED = 1e-6
 """They end before if parameters move by this share of their deviations, or the torque by this of its size [1]."""
 
 

@@ -37,7 +37,6 @@ from gapscope.effects.residual import (
     nearest,
     part_of_each,
 )
-from gapscope.ident.estimators.linear import SLIGHT
 from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 from gapscope.ident.samples import MOVING, PER_CUTOFF, split
@@ -593,7 +592,7 @@ def _evidence_cost(
 # How good each member is on the rows that it holds out.
 
 
-GAINS = np.linspace(SLIGHT, 1.0, 20)
+GAINS = np.linspace(0.05, 1.0, 20)
 """Factors tried on a joint's output."""
 
 

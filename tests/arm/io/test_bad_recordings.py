@@ -241,8 +241,7 @@ WHOLE: list[tuple[str, bytes | None, str]] = [
     ("absent.csv", None, "absent.csv: no such file or folder"),
     ("log.xlsx", b"PK", "the ending '.xlsx' names no known format"),
     ("log.csv", b"t,q1\n\xff\xfe\x00", "is not a text in UTF-8"),
-    ("log.jsonl", b'{"t": 0.0}\n{"t": 0.1', "line 2: is no object of JSON"),
-    ("log.jsonl", b"\n", "is empty"),
+    ("log.jsonl", b'[0.0]\n{"t": 0.1', "has no object of JSON on any line"),
 ]  # fmt: skip
 """Files that are no table at all."""
 

@@ -11,6 +11,7 @@ import pytest
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.formats.table_files import read_csv
 from gapscope.arm.io.log import open_log
+from gapscope.arm.io.table import without_damage
 
 
 def text(rows: int) -> list[str]:
@@ -96,8 +97,12 @@ def test_remarks_above_the_header_and_decimal_commas(
 def test_lines_of_json_with_lists_and_nested_objects(tmp_path: Path) -> None:
     file = tmp_path / "log.jsonl"
     objects = [{"t": t, "state": {"q": q}} for t, *q in ROWS.tolist()]
-    file.write_text("\n\n".join(map(json.dumps, objects)), encoding="utf-8")
-    (table,) = open_log(file).tables
+    # the last line is cut, as by a logger that was stopped
+    text = "\n\n".join(map(json.dumps, objects)) + '\n\n{"t": 0.3, "st'
+    file.write_text(text, encoding="utf-8")
+    (whole,) = open_log(file).tables
+    assert whole.cut == {2 * len(objects) + 1: "is no object of JSON"}
+    table = without_damage(whole)
     np.testing.assert_array_equal(table.values("state.q"), ROWS[:, 1:])
     np.testing.assert_array_equal(table.numbers("t"), ROWS[:, 0])
     assert table.where(1, "t") == "line 3, column t"

@@ -244,29 +244,31 @@ def read_json_lines(path: Path) -> Table:
     """Table of a file with an object of JSON on each line; cells may be lists, and names of nested ones have dots.
 
     Raises:
-        InputError: a line is no object of JSON, or the file has none.
+        InputError: no line is an object of JSON.
     """
     import pandas as pd
 
-    rows, lines = [], []
+    rows, cut = [], {}
+    # what is no text is no JSON either
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            if not line.strip():
-                continue
-            try:
-                rows.append(dict(json.loads(line)))
-            except (ValueError, TypeError, RecursionError):
-                raise InputError(
-                    "is no object of JSON",
-                    "repair the line or take it out",
-                    file=path,
-                    where=f"line {number}",
-                ) from None
-            lines.append(number)
-    if not rows:
-        raise InputError("is empty", "give a file with samples", file=path)
+        lines = {k: line for k, line in enumerate(file, start=1) if line.strip()}
+    for number, line in lines.items():
+        try:
+            row = json.loads(line)
+        except (ValueError, RecursionError):
+            row = None
+        if not isinstance(row, dict):
+            cut[number] = "is no object of JSON"
+        rows.append({} if number in cut else row)
+    if len(cut) == len(rows):
+        raise InputError(
+            "has no object of JSON on any line",
+            "give a file with one sample a line",
+            file=path,
+        )
     frame = pd.json_normalize(rows)
-    return Table(path, {name: frame[name].to_numpy() for name in frame}, lines, "line")
+    columns = {name: frame[name].to_numpy() for name in frame}
+    return Table(path, columns, list(lines), "line", cut=cut)
 
 
 def read_parquet(path: Path) -> Table:
