@@ -69,15 +69,18 @@ def at_one_place(rows: MotionRows) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("where", "kind", "regime"),
+    ("where", "kind", "regime", "margin"),
     [
-        (slow, "regime", "near velocity reversal"),
-        (pushed, "time", "recording 2, 6.0 to 9.0 s"),
-        (at_one_place, "position", "position "),
-        (lambda rows: rows.dq[:, 0] > 0.05, "regime", "moving forward"),
+        (slow, "regime", "near velocity reversal", 0.01),
+        (pushed, "time", "recording 2, 6.0 to 9.0 s", 0.01),
+        (at_one_place, "position", "position ", 0.01),
+        # the border between directions lies at a higher speed
+        (lambda rows: rows.dq[:, 0] > 0.05, "regime", "moving forward", 0.1),
     ],
 )
-def test_one_part_of_the_motion(where: Where, kind: str, regime: str) -> None:
+def test_one_part_of_the_motion(
+    where: Where, kind: str, regime: str, margin: float
+) -> None:
     rows = motion()
     inside = where(rows)
     error = 0.1 * white(2) + inside[:, None] * white(1)
@@ -86,7 +89,7 @@ def test_one_part_of_the_motion(where: Where, kind: str, regime: str) -> None:
     assert "moving backward" not in [region.regime for region in named]
     region = next(r for r in named if r.kind == kind and r.regime.startswith(regime))
     assert region.joint == 1 and region.share > 0.8
-    assert region.coverage == pytest.approx(inside.mean(), abs=0.1)
+    assert region.coverage == pytest.approx(inside.mean(), abs=margin)
     few = regions(error, rows, load_of(rows), [1, 2], most=2)
     assert all(sum(r.joint == joint for r in few) <= 2 for joint in (1, 2))
     for region in few:
