@@ -223,3 +223,28 @@ def test_of_a_narrow_range_the_margin_leaves_half(tmp_path: Path) -> None:
     limits = workspace(RigidBody(load_nominal_arm(file))).limits
     assert limits.lower == pytest.approx([-1.9, -0.03])
     assert limits.upper == pytest.approx([1.9, 0.03])
+
+
+def test_tool_jacobian_agrees_with_finite_differences(space: Workspace) -> None:
+    kinematics, posture, h = space.kinematics, space.posture, 1e-6
+    points = kinematics.skeleton(posture)
+    assert points.shape == (len(posture) + 2, 3) and not points[0].any()
+    assert np.abs(points[-1] - kinematics.tool(posture).translation).max() < 0.05
+    jacobian = kinematics.tool_jacobian(posture)
+    for step, column in zip(h * np.eye(len(posture)), jacobian.T, strict=True):
+        ahead, behind = (kinematics.tool(posture + s * step) for s in (1, -1))
+        slope = (ahead.translation - behind.position) / (2 * h)
+        np.testing.assert_allclose(slope, column[:3], atol=1e-8)
+        spin = (ahead.rotation @ behind.rotation.T - np.eye(3)) / (2 * h)
+        about = [spin[2, 1], spin[0, 2], spin[1, 0]]
+        np.testing.assert_allclose(about, column[3:], atol=1e-5)
+
+
+def test_quintic_by_hand() -> None:
+    """From 0 to 2 rad in 4 s: 1 rad at half time, there 15/8 * 2/4 rad/s; 16 s(1/4) = 53/32."""
+    motion = point_to_point(np.zeros(1), np.full(1, 2.0), 4.0)
+    t, speed = np.array([-1.0, 0.0, 1.0, 2.0, 4.0, 9.0]), 2 / 4 * 135 / 128
+    q, dq, ddq = (f(t)[:, 0] for f in (motion.position, motion.velocity, motion.acceleration))  # fmt: skip
+    np.testing.assert_allclose(q, [0, 0, 2 * 53 / 512, 1, 2, 2], atol=1e-14)
+    np.testing.assert_allclose(dq, [0, 0, speed, 0.9375, 0, 0], atol=1e-14)
+    np.testing.assert_allclose(ddq[[0, 1, 3, 4, 5]], 0, atol=1e-14)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import synthetic
 from cases import each
 from sweeps import daily
 
-from gapscope.arm.case import Case
+from gapscope.arm.case import Case, load_case
 from gapscope.arm.control import LAWS
 from gapscope.arm.errors import GapscopeError
 from gapscope.diagnosis.diagnose import diagnose
@@ -165,3 +166,14 @@ def test_a_gap_in_time_is_not_bridged() -> None:
     assert (
         np.abs(torque - whole.tau[kept])[late].max() < 0.2 * whole.tau.std(axis=0).max()
     )
+
+
+@pytest.mark.slow
+@pytest.mark.shared_data
+@pytest.mark.nightly
+def test_a_sample_case_without_its_torque(sample_cases: Path) -> None:
+    """Delays of case005 on all joints, by another simulator, from positions and references alone."""
+    document = diagnose(without(load_case(sample_cases / "case005"), "tau")).document
+    assert [(e["effect"], e["joints"]) for e in document["effects"]] == [
+        ("actuator_delay", [1, 2, 3, 4, 5, 6])
+    ]
