@@ -233,7 +233,7 @@ def test_tool_jacobian_agrees_with_finite_differences(space: Workspace) -> None:
     jacobian = kinematics.tool_jacobian(posture)
     for step, column in zip(h * np.eye(len(posture)), jacobian.T, strict=True):
         ahead, behind = (kinematics.tool(posture + s * step) for s in (1, -1))
-        slope = (ahead.translation - behind.position) / (2 * h)
+        slope = (ahead.translation - behind.translation) / (2 * h)
         np.testing.assert_allclose(slope, column[:3], atol=1e-8)
         spin = (ahead.rotation @ behind.rotation.T - np.eye(3)) / (2 * h)
         about = [spin[2, 1], spin[0, 2], spin[1, 0]]
