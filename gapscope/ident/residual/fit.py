@@ -1003,6 +1003,8 @@ def fit_residual(
         network, report = free if better else strict
         return network, replace(report, closed_apart=by_apart)
     rows = rows_of(trajectories, settings)
+    # a member for each group that is held out: few recordings make few
+    settings = replace(settings, members=len(rows.held))
     networks = []
     closed = []
     gain = []

@@ -82,10 +82,14 @@ def test_torque_is_bounded_by_the_training_residual() -> None:
     assert (torque <= 1.5 * largest).all() and torque[:, 0].max() > 0.5 * largest[0]
 
 
-def test_a_single_trajectory_is_cut_into_blocks() -> None:
-    settings = ResidualSettings("mlp", members=4, steps=80)
-    residual, report = fit_residual([toy.trajectory(0)], settings)
-    assert residual.networks[0].members == 4 and np.isfinite(report.closed).all()
+@pytest.mark.parametrize(("recordings", "members"), [(1, 5), (3, 3), (4, 4)])
+def test_each_member_holds_out_a_recording_or_a_block_of_few(
+    recordings: int, members: int
+) -> None:
+    xs = [toy.trajectory(k) for k in range(recordings)]
+    residual, report = fit_residual(xs, ResidualSettings("mlp", steps=80))
+    assert residual.networks[0].members == members
+    assert np.isfinite(report.closed).all()
     # both ways to keep apart were tried
     assert set(report.closed_apart) == {"all", "effects"}
     assert report.apart in report.closed_apart
