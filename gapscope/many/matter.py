@@ -22,7 +22,9 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.log import open_log
 from gapscope.arm.motions.named_motions import workspace
+from gapscope.arm.motions.trajectory import read_sampled
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.compare_units import read_ranges
@@ -56,8 +58,8 @@ def read_task(
     """What the arm is to do.
 
     Args:
-        task: a reference to follow, as a recording or a file with t, q1.. (of one with q_ref1.. those); a policy as
-            ONNX; or the folder of a trained agent.
+        task: a reference to follow, as a recording or a file with t, q1.. (of one with q_ref1.. those, as of what
+            ``gapscope excite`` writes); a policy as ONNX; or the folder of a trained agent.
         case: whose controller follows the reference; one with gains that fit the arm if it has none.
         action: kind of a policy's actions, ``gapscope.envs.actions.ACTION_KINDS``.
         motions: that a policy tracks.
@@ -69,8 +71,13 @@ def read_task(
         path = Path(task)
         if is_folder(path) or path.suffix == ".onnx":
             return path, (action, motions)
-        # a reference may hold no more than t and q
-        task = load_recording(path, case.arm, case.importing, every_row=True)
+        # a plan may hold no more than t and q, or references alone, as gapscope excite writes them
+        columns = open_log(path).tables[0].columns
+        if "q_ref1" in columns and "q1" not in columns and case.importing is None:
+            plan = read_sampled(path, case.arm.n_joints).motion
+            task = Recording(path.name, plan.t, plan.q, q_ref=plan.q, dq_ref=plan.dq)
+        else:
+            task = load_recording(path, case.arm, case.importing, every_row=True)
     # the plan where there is one: what was recorded holds the errors of its arm
     q, dq = task.q_ref, task.dq_ref
     if q is None:

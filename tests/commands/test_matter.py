@@ -54,6 +54,20 @@ def test_a_reference_under_a_controller(
     assert "Plotly.newPlot" in (out / "matter.html").read_text(encoding="utf-8")
 
 
+def test_a_trajectory_as_excite_writes_it_is_a_plan(
+    gapscope: Command, sick: Path, model: Path, tmp_path: Path
+) -> None:
+    task = tmp_path / "plan.csv"
+    planned = "--evaluations", 20, "--surface", -9, "--no-collisions"
+    made = gapscope("excite", sick / "robot.urdf", *planned, "--out", task)
+    assert made.code == 0, made.err
+    done = gapscope("matter", sick, "--task", task, "--model", model, "--json")
+    assert done.code == 0, done.err
+    content = json.loads(done.out)
+    assert content["task"] == "plan.csv"
+    assert content["rows"][0]["effect"] == "viscous_friction"
+
+
 def test_values_are_drawn_within_the_intervals_of_a_diagnosis(
     gapscope: Command, sick: Path, results: Path, tmp_path: Path
 ) -> None:
