@@ -324,7 +324,8 @@ class SheetComparison(Document):
         known, largest = self.explained, WORSE**2 * INERTIAL_ERROR
         share = largest / max(self.sheet_error, largest)
         gap = self.gap(known.after - share * known.errors)
-        return unknown(gap, self.motion_rows, known.trust, known.scale)
+        white2 = self.fit.contrast.error.white2
+        return unknown(gap, self.motion_rows, known.trust, known.scale, white2)
 
     @cached_property
     def floor(self) -> np.ndarray:

@@ -109,7 +109,8 @@ def find_sides(
     # columns of the gap: all joints on the actuator's side, then on the link's
     for side, own in (("actuator", slice(0, n)), ("link", slice(n, None))):
         gap = TorqueGap(after.measured[:, own], after.predicted[:, own], after.edges)
-        found = unknown(gap, stack(sensed), np.ones_like(gap.error), scale)
+        trust, noise2 = np.ones_like(gap.error), np.zeros_like(scale)
+        found = unknown(gap, stack(sensed), trust, scale, noise2)
         # what follows the motion has a cause; the rest is the floor
         floor2 = np.maximum(gap.rmse**2 - found.follows2, MIN_FLOOR**2) / scale**2
         given = before.rmse[own] / scale

@@ -311,11 +311,13 @@ class Unknown:
         left: mean square of the gap by trust [N^2 m^2], (n,).
         predictable: of each joint.
         scale: normalisation of the torque gap [N m], (n,).
+        white2: variance of the noise of a row, over its square [1], (n,).
     """
 
     left: np.ndarray
     predictable: list[Predictable]
     scale: np.ndarray
+    white2: np.ndarray
 
     @cached_property
     def follows2(self) -> np.ndarray:
@@ -335,17 +337,23 @@ class Unknown:
         """Mean square of the torque that has an unknown cause [N^2 m^2], (n,); 0 on joints without one.
 
         Models of real arms have errors of form everywhere: what follows the motion of a joint has a cause if it stands
-        out from what the other joints leave, or is an oscillation that follows no motion. Beside that, an arm has one
-        if more is left than any complete model of a healthy arm leaves.
+        out from what the other joints leave, or is an oscillation that follows no motion. What is no noise has one as
+        well if it stands out farther than the worst of healthy arms from the best, though nothing predicts it. Beside
+        that, an arm has one if more is left than any complete model of a healthy arm leaves.
         """
         left2 = self.left / self.scale**2
         oscillates = np.array([p.oscillates for p in self.predictable])
-        above2 = STANDS_OUT**2 * _others2(left2) * self.scale**2
-        stands_out = (self.follows2 > above2) | oscillates
-        most2 = HEALTHY_REAL[1] ** 2
+        others2 = _others2(left2)
+        stands_out = (
+            self.follows2 > STANDS_OUT**2 * others2 * self.scale**2
+        ) | oscillates
+        least2, most2 = np.square(HEALTHY_REAL)
+        lasting2 = np.maximum(left2 - self.white2, 0.0)
+        lasts = (lasting2 > most2 / least2 * others2) & (lasting2 > UNKNOWN_TORQUE**2)
         # on average over the joints: a single one may have a cause of its own
         beyond2 = np.maximum(left2 - most2, 0.0) * (left2.mean() > most2)
-        return np.maximum(self.follows2 * stands_out, beyond2 * self.scale**2)
+        unpredicted2 = np.maximum(lasting2 * lasts, beyond2) * self.scale**2
+        return np.maximum(self.follows2 * stands_out, unpredicted2)
 
     @property
     def share(self) -> np.ndarray:
@@ -370,7 +378,11 @@ def _others2(left2: np.ndarray) -> np.ndarray:
 
 
 def unknown(
-    gap: TorqueGap, rows: MotionRows, trust: np.ndarray, scale: np.ndarray
+    gap: TorqueGap,
+    rows: MotionRows,
+    trust: np.ndarray,
+    scale: np.ndarray,
+    white2: np.ndarray,
 ) -> Unknown:
     """What a flexible model predicts of a gap, for each joint.
 
@@ -381,6 +393,7 @@ def unknown(
         rows: motion of the same samples.
         trust: how far friction is known on each of them [1], (M, n): a joint that may stick hides what is there.
         scale: normalisation of the torque gap [N m], (n,).
+        white2: variance of the noise of a row, over its square [1], (n,).
     """
     halves = halves_of(rows)
     kept = halves.kept
@@ -431,7 +444,7 @@ def unknown(
         residual = _Residual(left[:, j], weight[:, j], halves)
         found = _of_joint(residual, j + 1, known, waves[:, j], features, p_value)
         every.append(found)
-    return Unknown((left**2).mean(axis=0), every, scale)
+    return Unknown((left**2).mean(axis=0), every, scale, white2)
 
 
 def _skewed(gap: TorqueGap, rows: MotionRows, weight: np.ndarray) -> np.ndarray:
