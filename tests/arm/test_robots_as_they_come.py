@@ -250,7 +250,9 @@ MJCF = """<mujoco model="hand">
 
 def test_an_mjcf_hand_follows_and_tells_its_gains(tmp_path: Path) -> None:
     path = tmp_path / "hand.xml"
-    path.write_text(MJCF.format(equality='<connect body1="left" body2="right"/>'))
+    path.write_text(
+        MJCF.format(equality='<connect body1="left" body2="right" anchor="0 0 0"/>')
+    )
     arm, notes = notes_of(path)
     assert arm.joints == ("shoulder", "f1") and arm.sliding == (False, True)
     np.testing.assert_allclose(arm.armature, [0, 0.2])

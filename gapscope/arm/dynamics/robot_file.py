@@ -31,8 +31,6 @@ UNLIMITED = LARGEST["length"][0]
 """Position limits beyond this [rad or m] are none."""
 
 
-UNFOLDED = ("include", "replicate", "attach", "frame//body", "frame//joint")
-"""Elements that contain or change bodies, and are not expanded here."""
 UNWEIGHED = ("mesh", "plane", "hfield", "sdf")
 """Shapes whose mass is not known here."""
 
@@ -54,29 +52,15 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
     links = description.around(joints)
     # of the whole file if no arm is named, else of what concerns it
     used = tuple(j for j in description.joints if not joints or j.child in links)
-    places = {"file"} | {f"joint {joint.name}" for joint in used}
+    places = {f"joint {joint.name}" for joint in used}
     tag = "link" if description.form == "URDF" else "body"
     places |= {f"{tag} {name}" for name in moved}
-    # shapes have a say only where MuJoCo weighs a body by them
-    if description.form == "MJCF":
-        bare = {x.name for x in description.links if x.drawn and x.inertial is None}
-        places |= {f"shape of {tag} {name}" for name in moved & bare}
-    poses = {f"body {joint.child}" for joint in used}
     for found in description.unreadable:
         other = found.place.removeprefix("joint ") not in joints
         # the limits of a joint that is locked have no say
         idle = joints and other and found.element.startswith("<limit")
-        # a place that cannot be read moves all that hangs on it
-        posed = found.place in poses and not found.element.startswith("<inertial")
-        if posed or (found.place in places and not idle):
+        if found.place in places and not idle:
             raise found.error(path)
-    # what this reader does not unfold would be missing without a word
-    for element in UNFOLDED:
-        if description.root.find(f".//{element}") is not None:
-            name = element.split("//")[0]
-            raise InputError(
-                f"<{name}> is not read", "expand it in the file", file=path
-            )
     bases = [x.name for x in description.links if x.name not in description.above]
     # of an arm named by its joints other bases of the file do not matter
     _check_tree(description, used, () if joints else bases)
