@@ -19,8 +19,7 @@ from gapscope.arm.dynamics.description import (
     Link,
     read_description,
 )
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import arm_model
+from gapscope.arm.dynamics.rigid_body import RigidBody, arm_model
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.input_file import is_file
 from gapscope.arm.io.case_file import is_case

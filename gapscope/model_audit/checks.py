@@ -12,9 +12,14 @@ from itertools import product
 import numpy as np
 from scipy.stats import f as fisher
 
-from gapscope.arm.dynamics.description import Description, Inertial, Joint, Link
+from gapscope.arm.dynamics.description import (
+    Description,
+    Inertial,
+    Joint,
+    Link,
+    tree_faults,
+)
 from gapscope.arm.dynamics.inertials import box_edges
-from gapscope.arm.dynamics.robot_file import tree_faults
 from gapscope.model_audit.description import Finding, Geometry, distance_outside
 
 # All thresholds of the audit, each with its meaning, its unit in brackets and where it comes from in parentheses.

@@ -13,11 +13,15 @@ import pytest
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import placeholder
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm, pybullet_data
+from gapscope.arm.robots import (
+    KNOWN_ROBOTS,
+    load_nominal_arm,
+    placeholder,
+    pybullet_data,
+)
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.interface.models import export
 

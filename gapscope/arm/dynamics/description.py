@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable, Iterator
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,9 +20,9 @@ from pinocchio import SE3, exp3
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import is_file, read_bytes
-from gapscope.arm.io.table import LARGEST_NUMBER
+from gapscope.arm.input_file import LARGEST_NUMBER, is_file, read_bytes
 from gapscope.arm.nearest_name import nearest
+from gapscope.arm.nominal import check_size
 
 # --- what a file holds
 
@@ -962,3 +963,186 @@ def _bound(allowed: Any, limited: Any) -> float:
     # the smaller side: limits here have one size for both directions
     bound = float(np.abs(allowed).min())
     return np.inf if _word(limited) == "false" or not np.any(allowed) else bound
+
+
+# --- whether what concerns an arm can be
+
+UNWEIGHED = ("mesh", "plane", "hfield", "sdf")
+"""Shapes whose mass is not known here."""
+
+
+def checked(description: Description, joints: Collection[str] = ()) -> Description:
+    """What of a file concerns an arm, checked; impossible inertials of links that do not move with it are left out.
+
+    Args:
+        description: of the file.
+        joints: the arm's; by default none, and all of the file's tree is checked.
+
+    Raises:
+        InputError: a number is none, the joints are no tree, or a body that moves is none that can be.
+    """
+    path, moved = description.file, description.moved(joints)
+    links = description.around(joints)
+    # of the whole file if no arm is named, else of what concerns it
+    used = tuple(j for j in description.joints if not joints or j.child in links)
+    names = {f"joint {joint.name}": joint.name for joint in used}
+    for found in description.unreadable:
+        name = names.get(found.place)
+        # the limits of a joint that is locked have no say
+        idle = joints and name not in joints and found.element.startswith("<limit")
+        if name is not None and not idle:
+            raise found.error(path)
+    bases = [x.name for x in description.links if x.name not in description.above]
+    # of an arm named by its joints other bases of the file do not matter
+    _check_tree(description, used, () if joints else bases)
+    for joint in used:
+        where = f"line {joint.line}, joint {joint.name}"
+        check_size(joint.place.translation, "length", path, where)
+        if joint.kind in SINGLE and not np.linalg.norm(joint.axis) > 0:
+            raise InputError(
+                "its axis has no direction, so that it moves nothing",
+                'correct <axis xyz="...">, or axis of an MJCF file',
+                file=path,
+                where=where,
+            )
+        for name in ("effort", "velocity", "friction"):
+            limit = getattr(joint, name)
+            if limit is not None and limit < 0:
+                raise InputError(
+                    f"its {name} is {limit:g}, expected zero or above",
+                    "correct the attribute, or leave it out",
+                    file=path,
+                    where=where,
+                )
+        if joint.name in joints and joint.reference:
+            raise InputError(
+                f"ref is {joint.reference:g}, expected 0: positions count from the pose that the file draws",
+                "leave ref out and turn the body by it, or move the recorded positions",
+                file=path,
+                where=f"joint {joint.name}",
+            )
+    faults = inertial_faults(description)
+    for name, fault in faults.items():
+        if name in moved:
+            raise fault
+    # those that stand still may have any inertial: it is left out
+    kept = [
+        replace(link, inertial=None) if link.name in faults else link
+        for link in description.links
+    ]
+    return replace(description, links=tuple(kept), joints=used)
+
+
+def inertial_faults(description: Description) -> dict[str, InputError]:
+    """What is wrong with inertials that no body can have, by the name of the link.
+
+    A number is missing or none, a mass or a principal moment is negative, a body without inertial has no known weight.
+    """
+    faults = {}
+    tag = "link" if description.form == "URDF" else "body"
+    unreadable = {one.place: one for one in description.unreadable}
+    for link in description.links:
+        found = unreadable.get(f"{tag} {link.name}")
+        try:
+            if found is not None:
+                raise found.error(description.file)
+            if link.inertial is not None:
+                where = f"line {link.inertial.line}, {tag} {link.name}, <inertial>"
+                _check_inertial(link.inertial, description.file, where)
+            elif description.form == "MJCF" and any(
+                joint.kind in SINGLE for joint in description.upwards(link.name)
+            ):
+                # a shape whose mass is not known here
+                bad = next(
+                    (s for s in link.drawn if s.kind in UNWEIGHED or s.named), None
+                )
+                if bad is None:
+                    continue
+                raise InputError(
+                    f"has no <inertial>, and its mass cannot be taken from the shape {bad.named or bad.kind}",
+                    'give it one; MuJoCo\'s mj_saveLastXML writes it after <compiler saveinertial="true"/>',
+                    file=description.file,
+                    where=f"line {link.line}, body {link.name}",
+                )
+        except InputError as error:
+            faults[link.name] = error
+    return faults
+
+
+def _check_inertial(inertial: Inertial, path: Path, where: str) -> None:
+    if inertial.mass < 0:
+        raise InputError(
+            f"mass is {inertial.mass:g} kg, expected zero or above",
+            "correct its value",
+            file=path,
+            where=where,
+        )
+    check_size(inertial.mass, "mass", path, where)
+    check_size(inertial.moments, "moment of inertia", path, where)
+    check_size(inertial.com, "length", path, where)
+    moments = np.linalg.eigvalsh(inertial.moments)
+    # a negative moment within rounding of the largest one, or of a conversion
+    if moments[0] < -max(1e-6 * abs(moments[2]), np.finfo(float).eps):
+        raise InputError(
+            f"it has the principal moments {listed(moments)} kg m^2, expected none below zero",
+            "correct the moments: they are about the centre of mass, in the axes of the inertial's frame",
+            file=path,
+            where=where,
+        )
+
+
+def listed(moments: np.ndarray) -> str:
+    """Principal moments as text [kg m^2], shape (3,)."""
+    return ", ".join(f"{moment:.4g}" for moment in moments)
+
+
+def tree_faults(
+    description: Description, joints: Sequence[Joint]
+) -> Iterator[tuple[str, Joint, str]]:
+    """What keeps joints from holding links of the file in one tree: a word for it, the joint, and the problem."""
+    held = Counter(joint.child for joint in joints)
+    names = Counter(joint.name for joint in joints)
+    known = Counter(link.name for link in description.links)
+    for joint in joints:
+        # each end once in the file, or the joint hangs nowhere
+        odd = [end for end in (joint.parent, joint.child) if known[end] != 1]
+        # the way up ends at the base, or goes round
+        *_, top = description.upwards(joint.child)
+        if odd and not known[odd[0]]:
+            said = f"names the link {odd[0]!r}, which the file does not have"
+            yield "no_such_link", joint, said
+        elif odd:
+            said = f"names the link {odd[0]!r}, of which the file has {known[odd[0]]}"
+            yield "same_name", joint, said
+        elif held[joint.child] > 1:
+            yield (
+                "held_twice",
+                joint,
+                f"holds the link {joint.child}, and so do others",
+            )
+        elif joint.moves and (not joint.name or names[joint.name] > 1):
+            yield "same_name", joint, "needs a name of its own"
+        elif top.parent in description.above:
+            yield "loop", joint, f"its joints close a loop at the link {joint.child!r}"
+
+
+def _check_tree(
+    description: Description, joints: Sequence[Joint], bases: Sequence[str]
+) -> None:
+    """Check that joints hold links of the file in one tree, and that there is no other base."""
+    for _, joint, problem in tree_faults(description, joints):
+        raise InputError(
+            problem,
+            "correct the file: the links of an arm hang on one base, one joint above each; or name the arm in "
+            "chain: or joints: of the case, and what does not concern it is not read",
+            file=description.file,
+            where=f"line {joint.line}, joint {joint.name}",
+        )
+    tops = ([*description.upwards(joint.child)][-1].parent for joint in joints)
+    roots = dict.fromkeys([*bases, *tops])
+    if len(roots) > 1:
+        raise InputError(
+            f"has several bases: {', '.join(roots)}",
+            "name the arm in chain: or joints: of the case, and what does not concern it is not read",
+            file=description.file,
+        )
