@@ -27,7 +27,7 @@ from gapscope.arm.dynamics.description import (
     pybullet_data,
     read_description,
 )
-from gapscope.arm.dynamics.rigid_body import RigidBody, arm_model
+from gapscope.arm.dynamics.rigid_body import arm_model
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import check_file, is_file
 from gapscope.arm.io.case_file import check
@@ -162,40 +162,30 @@ def shifted_arm(arm: NominalArm, links: int, moved_only: bool = False) -> Nomina
     With ``moved_only`` among those of them that a joint moves. The new URDF lies in a temporary folder that lasts as
     long as the process, one for each text. An MJCF file is left as it is.
     """
-    text = _shifted_text(arm, links, moved_only)
-    if text is None:
+    if links == 0:
         return arm
-    return replace(arm, urdf=Path(_folder(text, arm.urdf.name).name) / arm.urdf.name)
-
-
-def shifted_body(
-    arm: NominalArm, links: int, moved_only: bool = False
-) -> RigidBody | None:
-    """Dynamics of ``shifted_arm``, for a trial that leaves no file behind; ``None`` if nothing would be moved.
-
-    Raises:
-        InputError: with its inertials moved the arm is none that can be.
-    """
-    text = _shifted_text(arm, links, moved_only)
-    if text is None:
-        return None
-    with TemporaryDirectory(prefix="gapscope-") as folder:
-        path = Path(folder) / arm.urdf.name
-        path.write_text(text, encoding="utf-8")
-        return RigidBody(replace(arm, urdf=path))
-
-
-def _shifted_text(arm: NominalArm, links: int, moved_only: bool) -> str | None:
-    """The changed URDF; ``None`` if nothing is moved, or the file is no URDF."""
-    if links == 0 or ET.parse(arm.urdf).getroot().tag != "robot":
-        return None
-    return shifted_text(arm.urdf.read_text(encoding="utf-8"), links, moved_only)
+    text = arm.urdf.read_text(encoding="utf-8")
+    if ET.fromstring(text).tag != "robot":
+        return arm
+    folder = _folder(shifted_text(text, links, moved_only), arm.urdf.name)
+    return replace(arm, urdf=Path(folder.name) / arm.urdf.name)
 
 
 def shifted_text(text: str, by: int, moved_only: bool = False) -> str:
     """URDF text with the ``<inertial>`` of each link that has one moved ``by`` such links further, in file order."""
     root = ET.fromstring(text)
-    links = _links(root, moved_only)
+    moved = {
+        child.get("link")
+        for joint in root.iter("joint")
+        if joint.get("type") in ("revolute", "continuous", "prismatic")
+        for child in joint.iter("child")
+    }
+    links = [
+        link
+        for link in root.iter("link")
+        if link.find("inertial") is not None
+        and (not moved_only or link.get("name") in moved)
+    ]
     # each link gives its own away before it gets another's
     inertials = [link.find("inertial") for link in links]
     # links in a ring: what falls off one end goes to the other
@@ -206,22 +196,6 @@ def shifted_text(text: str, by: int, moved_only: bool = False) -> str:
         link.remove(own)
         link.append(given)
     return ET.tostring(root, encoding="unicode")
-
-
-def _links(root: ET.Element, moved_only: bool) -> list[ET.Element]:
-    """Links whose inertials are exchanged, in file order."""
-    moved = {
-        child.get("link")
-        for joint in root.iter("joint")
-        if joint.get("type") in ("revolute", "continuous", "prismatic")
-        for child in joint.iter("child")
-    }
-    return [
-        link
-        for link in root.iter("link")
-        if link.find("inertial") is not None
-        and (not moved_only or link.get("name") in moved)
-    ]
 
 
 @cache

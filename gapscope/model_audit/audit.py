@@ -28,7 +28,7 @@ from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.table import runs
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.arm.robots import load_nominal_arm, shifted_body
+from gapscope.arm.robots import load_nominal_arm, shifted_arm
 from gapscope.arm.root_mean_square import rms
 from gapscope.model_audit.checks import (
     GRAVITY_MISFIT,
@@ -133,9 +133,9 @@ def static_poses(robot: str | Path, recording: Path) -> dict[str, Any]:
     for by, word in ((1, "next"), (-1, "previous")):
         with suppress(GapscopeError):
             # the file's inertials go back to where they belong
-            other = shifted_body(arm, -by)
-            if other is not None:
-                shifted = other.gravity_torque(q)
+            other = shifted_arm(arm, -by)
+            if other is not arm:
+                shifted = RigidBody(other).gravity_torque(q)
                 name = f"each link with the inertial of the {word} one"
                 found.append(explained(name, torque - shifted + shifted.mean(axis=0)))
     # mass and first moments of one link fitted to the error of the model
