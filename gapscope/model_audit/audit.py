@@ -293,7 +293,7 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> dict[str, A
         Finding(
             "impossible",
             "unreadable_number" if one.got is not None else "incomplete_inertial",
-            one.place.removeprefix("shape of ").replace("body ", "link "),
+            one.place.removeprefix("shape of "),
             one.line,
             f"{one.element}: {one.problem}",
             one.wanted if one.got is not None else "mass and inertia",

@@ -29,10 +29,10 @@ from gapscope.arm.nominal import check_size
 
 @dataclass(frozen=True)
 class Unreadable:
-    """Something that a file does not say as it should; its default stands in.
+    """Something that a URDF does not say as it should; its default stands in.
 
     Attributes:
-        place: the link, body or joint, or ``shape of`` one.
+        place: the link or joint, or ``shape of`` one.
         line: of the element.
         element: with its attribute, ``<mass value>``.
         got: what stands there; ``None``: nothing.
@@ -733,7 +733,6 @@ class _MjcfReader:
         flag = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
         self.weightless = bool(self.spec.option.disableflags & flag)
         self.path = path
-        self.unreadable: list[Unreadable] = []
         self.unread: list[tuple[str, str]] = []
 
     def description(self, name: str | None) -> Description:
@@ -761,9 +760,8 @@ class _MjcfReader:
             name or self.path.stem,
             tuple(links),
             tuple(joints),
-            tuple(self.unreadable),
-            tuple(self.unread),
-            gravity,
+            unread=tuple(self.unread),
+            gravity=gravity,
         )
 
     def _equalities(self) -> dict[str, Mimic]:
@@ -885,8 +883,12 @@ class _MjcfReader:
             # fullinertia is xx yy zz xy xz yz
             own = moments_matrix(np.array(body.fullinertia)[[0, 3, 4, 1, 5, 2]])
         elif not own.any():
-            where = (f"body {body.name}", line, "<inertial>")
-            self.unreadable.append(Unreadable(*where, None, "diaginertia"))
+            raise InputError(
+                "has no diaginertia",
+                "give mass [kg] and inertia [kg m^2], or leave <inertial> out of a body that has no mass",
+                file=self.path,
+                where=f"line {line}, body {body.name}, <inertial>",
+            )
         return inertial_of(line, pose, float(body.mass), own)
 
     def _shape(self, geom: Any) -> Shape:
@@ -1042,7 +1044,7 @@ def inertial_faults(description: Description) -> dict[str, InputError]:
     tag = "link" if description.form == "URDF" else "body"
     unreadable = {one.place: one for one in description.unreadable}
     for link in description.links:
-        found = unreadable.get(f"{tag} {link.name}")
+        found = unreadable.get(f"link {link.name}")
         try:
             if found is not None:
                 raise found.error(description.file)
