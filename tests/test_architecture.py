@@ -69,7 +69,11 @@ ONLY_IN = {
     "pinocchio": ("arm/", "ident/model/regressor.py"),
     "pybullet": ("envs/engines/",),
     "pybullet_data": ("envs/engines/",),
-    "mujoco": ("envs/engines/", "blind_check/generator/rigid.py"),
+    "mujoco": (
+        "arm/dynamics/description.py",
+        "envs/engines/",
+        "blind_check/generator/rigid.py",
+    ),
     "numba": ("blind_check/generator/joint.py",),
     "dartpy": (),
     "torch": ("ident/residual/", "agents/training/"),
@@ -95,7 +99,7 @@ NAMES_EFFECTS: dict[str, str] = {
     for reason, modules in {
         "armature is the data sheet's or a model file's own key": (
             *("arm.nominal", "arm.robots"),
-            *("arm.dynamics.description", "envs.mystery_arm"),
+            "envs.mystery_arm",
             *("model_audit.checks",),
             "diagnosis.diagnose_change",
         ),

@@ -25,10 +25,9 @@ from gapscope.arm.io.case_file import (
 from gapscope.arm.io.import_section import Import, parse_import
 from gapscope.arm.io.load_recording import (
     Part,
-    fitted_parts,
     joined_in_time,
-    judged_parts,
     load_recording,
+    parts_of,
     recording_of_columns,
 )
 from gapscope.arm.io.log import check_no_log, open_log
@@ -393,11 +392,13 @@ def _recordings(
 
     parts = importing or Import()
     entries = [paths.entry(entry, "recordings") for entry in content["recordings"]]
-    fitted = [part for entry in entries for part in fitted_parts(entry, parts)]
-    judged = [part for entry in entries for part in judged_parts(entry, parts)]
+    fitted, judged = (
+        [part for entry in entries for part in parts_of(entry, parts, use)]
+        for use in ("fit", "judge")
+    )
     for text in content.get("judge", []):
         # a whole file: ranges of rows and episodes are those of recordings:
-        judged += fitted_parts(paths.entry(text, "judge"), Import())
+        judged += parts_of(paths.entry(text, "judge"), Import(), "fit")
     firsts = [files_of_part(part)[0] for part in (*fitted, *judged)]
     names = file_names(firsts, paths.file.parent)
     # fitted and held out together: a file may go on where one of the others ended

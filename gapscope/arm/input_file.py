@@ -24,6 +24,8 @@ LARGEST_DOCUMENT = 50 * mega
 """Size of the largest YAML, JSON, URDF or MJCF file that is read [bytes]; those of any arm have less than a tenth."""
 LARGEST_IN_MEMORY = 2 * giga
 """Size of the largest file that is read whole into memory, as NPZ and MATLAB files are [bytes]."""
+LARGEST_NUMBER = float(np.sqrt(np.sqrt(np.finfo(float).max)))
+"""Size of the largest number in a file, whatever it counts; products of four larger ones overflow [1]."""
 LARGEST_UNPACKED = LARGEST_IN_MEMORY
 """Size of the largest compressed content once unpacked [bytes]."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -10,6 +10,17 @@ from gapscope.arm.errors import InputError
 
 SHORTEST = 3
 """Letters that a part of a name needs for the name to be offered."""
+
+
+MOST_NAMES = 40
+"""Names that a message lists."""
+
+
+def shortened(names: Sequence[str]) -> str:
+    """Names in a row, at most ``MOST_NAMES`` of them."""
+    rest = len(names) - MOST_NAMES
+    more = f" and {rest} more" if rest > 0 else ""
+    return ", ".join(names[:MOST_NAMES]) + more
 
 
 def check_known(kind: str, name: object, known: Iterable[str], where: str = "") -> str:

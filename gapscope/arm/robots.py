@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -15,27 +15,24 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from gapscope.arm.dynamics.description import (
+    SEVERAL,
     Description,
+    Joint,
+    Mimic,
+    checked,
+    inertial_faults,
     pybullet_data,
     read_description,
 )
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import (
-    actuated_joints,
-    checked,
-    inertial_faults,
-    left_out,
-    lock,
-    placeholder,
-    silent_limits,
-)
+from gapscope.arm.dynamics.rigid_body import arm_model
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import check_file, is_file
 from gapscope.arm.io.case_file import check
 from gapscope.arm.io.json_file import plain
-from gapscope.arm.nearest_name import nearest
+from gapscope.arm.nearest_name import nearest, shortened
 from gapscope.arm.nominal import NominalArm, coupled
 
 # Files of robots that are given by path, by a known name, or by a name of the package ``robot_descriptions``.
@@ -165,40 +162,30 @@ def shifted_arm(arm: NominalArm, links: int, moved_only: bool = False) -> Nomina
     With ``moved_only`` among those of them that a joint moves. The new URDF lies in a temporary folder that lasts as
     long as the process, one for each text. An MJCF file is left as it is.
     """
-    text = _shifted_text(arm, links, moved_only)
-    if text is None:
+    if links == 0:
         return arm
-    return replace(arm, urdf=Path(_folder(text, arm.urdf.name).name) / arm.urdf.name)
-
-
-def shifted_body(
-    arm: NominalArm, links: int, moved_only: bool = False
-) -> RigidBody | None:
-    """Dynamics of ``shifted_arm``, for a trial that leaves no file behind; ``None`` if nothing would be moved.
-
-    Raises:
-        InputError: with its inertials moved the arm is none that can be.
-    """
-    text = _shifted_text(arm, links, moved_only)
-    if text is None:
-        return None
-    with TemporaryDirectory(prefix="gapscope-") as folder:
-        path = Path(folder) / arm.urdf.name
-        path.write_text(text, encoding="utf-8")
-        return RigidBody(replace(arm, urdf=path))
-
-
-def _shifted_text(arm: NominalArm, links: int, moved_only: bool) -> str | None:
-    """The changed URDF; ``None`` if nothing is moved, or the file is no URDF."""
-    if links == 0 or ET.parse(arm.urdf).getroot().tag != "robot":
-        return None
-    return shifted_text(arm.urdf.read_text(encoding="utf-8"), links, moved_only)
+    text = arm.urdf.read_text(encoding="utf-8")
+    if ET.fromstring(text).tag != "robot":
+        return arm
+    folder = _folder(shifted_text(text, links, moved_only), arm.urdf.name)
+    return replace(arm, urdf=Path(folder.name) / arm.urdf.name)
 
 
 def shifted_text(text: str, by: int, moved_only: bool = False) -> str:
     """URDF text with the ``<inertial>`` of each link that has one moved ``by`` such links further, in file order."""
     root = ET.fromstring(text)
-    links = _links(root, moved_only)
+    moved = {
+        child.get("link")
+        for joint in root.iter("joint")
+        if joint.get("type") in ("revolute", "continuous", "prismatic")
+        for child in joint.iter("child")
+    }
+    links = [
+        link
+        for link in root.iter("link")
+        if link.find("inertial") is not None
+        and (not moved_only or link.get("name") in moved)
+    ]
     # each link gives its own away before it gets another's
     inertials = [link.find("inertial") for link in links]
     # links in a ring: what falls off one end goes to the other
@@ -211,28 +198,212 @@ def shifted_text(text: str, by: int, moved_only: bool = False) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def _links(root: ET.Element, moved_only: bool) -> list[ET.Element]:
-    """Links whose inertials are exchanged, in file order."""
-    moved = {
-        child.get("link")
-        for joint in root.iter("joint")
-        if joint.get("type") in ("revolute", "continuous", "prismatic")
-        for child in joint.iter("child")
-    }
-    return [
-        link
-        for link in root.iter("link")
-        if link.find("inertial") is not None
-        and (not moved_only or link.get("name") in moved)
-    ]
-
-
 @cache
 def _folder(text: str, name: str) -> TemporaryDirectory[str]:
     """Temporary folder with a URDF; kept by its text, so that a thousand cases of one arm share it."""
     folder: TemporaryDirectory[str] = TemporaryDirectory(prefix="gapscope-")
     (Path(folder.name) / name).write_text(text, encoding="utf-8")
     return folder
+
+
+# What of a file concerns its arm: joints that move, those beside it, and what it leaves open.
+
+
+SAME_INERTIA = 4
+"""So many links of different masses with the same moments of inertia have no moments of their own [1]."""
+
+
+def actuated_joints(description: Description) -> list[str]:
+    """Names of the movable joints of a file in kinematic order, but for those that follow another."""
+    names = [description.above.get(x.name) for x in description.in_tree_order()]
+    return [joint.name for joint in names if joint is not None and joint.moves]
+
+
+def placeholder(description: Description, joints: Collection[str]) -> str:
+    """What says that the moments of inertia of an arm of a URDF stand in for unknown ones; empty if they do not."""
+    moved = description.moved(joints)
+    masses: dict[bytes, set[float]] = {}
+    for link in description.links:
+        if link.name in moved and link.inertial is not None:
+            own = masses.setdefault(link.inertial.own.tobytes(), set())
+            own.add(link.inertial.mass)
+    # of all moments that links share, those on links of the most different masses
+    most = max(masses.values(), key=len, default=set())
+    if len(most) < SAME_INERTIA or description.form != "URDF":
+        return ""
+    return (
+        f"{description.file}: links of {len(most)} different masses have the same moments of inertia, placeholders "
+        "that are not the arm's: its torque cannot be judged by them; give its published inertials"
+    )
+
+
+def silent_limits(description: Description, joints: Collection[str]) -> list[str]:
+    """What the ``<limit>`` of joints of a URDF does not say, effort or velocity, a sentence for each joint."""
+    notes = []
+    for joint in description.joints if description.form == "URDF" else ():
+        lacking = [key for key in ("effort", "velocity") if getattr(joint, key) is None]
+        # a continuous joint without <limit> is as it should be
+        free = joint.turns_freely and len(lacking) == 2
+        if joint.name in joints and lacking and not free:
+            notes.append(
+                f"{description.file}, joint {joint.name}: <limit> does not say {' and '.join(lacking)}: none is known"
+            )
+    return notes
+
+
+# Joints of a robot file beside the arm's: where they are locked, and those that follow a joint of the arm.
+
+
+def lock(
+    tree: Description, joints: Sequence[str], given: Mapping[str, float]
+) -> tuple[dict[str, float], np.ndarray, list[str]]:
+    """Lock all joints of a file but the arm's.
+
+    A joint that follows another one is locked where that one puts it. If it follows a joint of the arm, it is locked
+    where that joint's zero puts it, and its inertia counts on that joint as armature, m^2 M_ff + 2 m M_fj with the
+    multiplier m and the mass matrix M at zero; the change of its gravity torque is left out.
+
+    Args:
+        tree: joints of the file.
+        joints: names of the arm's joints.
+        given: positions of locked joints [rad or m].
+
+    Returns:
+        Positions of those that do not stand at zero, and of those that follow one of the arm's [rad or m]; inertia that
+        these add to the arm's joints [kg m^2 or kg], shape (n,); and a sentence for each thing that was assumed.
+
+    Raises:
+        InputError: a position is given of a joint that does not exist, or that is one of the arm's.
+    """
+    single = tree.single
+    # a named arm's own joints move, and a name that is none is a slip
+    for name in given:
+        if name in joints:
+            raise InputError(
+                f"{name} is one of the arm's joints, and locked",
+                "take it out of locked:, or out of joints: or chain:",
+                file=tree.file,
+                where="field locked",
+            )
+        if name not in single:
+            raise InputError(
+                f"has no movable joint {name!r}",
+                f"{nearest(name, single)}it has {', '.join(single)}",
+                file=tree.file,
+                where="field locked",
+            )
+    positions = {name: float(position) for name, position in given.items() if position}
+    followers: dict[str, Mimic] = {}
+    for name in single:
+        if name in joints or name in given:
+            continue
+        # through chains of followers to the joint that moves at last
+        rule = _chain_of_masters(name, single)
+        position = rule.multiplier * float(given.get(rule.master, 0.0)) + rule.offset
+        if rule.master in joints:
+            followers[name] = rule
+        if position or rule.master in joints:
+            positions[name] = position
+    positions = {name: positions[name] for name in single if name in positions}
+    notes = _notes(tree, joints, given)
+    notes += [
+        f"{tree.file}: {name} follows {rule.master}: its inertia counts there as armature, its change of gravity "
+        "torque is left out"
+        for name, rule in followers.items()
+    ]
+    return positions, _reflected(tree.file, joints, positions, followers), notes
+
+
+def _chain_of_masters(name: str, single: Mapping[str, Joint]) -> Mimic:
+    """The joint that one follows at last, with the multiplier and the offset of all between; itself if it does not."""
+    last, multiplier, offset = name, 1.0, 0.0
+    # at most once through all joints: a chain may close on itself
+    for _ in single:
+        joint = single.get(last)
+        if joint is None or joint.mimic is None:
+            break
+        # q = m_1 (m_2 q_last + o_2) + o_1: offsets go through what is nearer
+        offset += multiplier * joint.mimic.offset
+        multiplier *= joint.mimic.multiplier
+        last = joint.mimic.master
+    return Mimic(last, multiplier, offset)
+
+
+def _reflected(
+    path: Path,
+    joints: Sequence[str],
+    positions: Mapping[str, float],
+    followers: Mapping[str, Mimic],
+) -> np.ndarray:
+    """Inertia of the followers on their masters [kg m^2 or kg], shape (n,)."""
+    added = np.zeros(len(joints))
+    if not followers:
+        return added
+    # a model in which followers move too: its mass matrix has what they carry
+    model = arm_model(path, (*joints, *followers), np.zeros(3), positions)
+    posture = pin.neutral(model)
+    for name in followers:
+        posture[model.joints[model.getJointId(name)].idx_q] = positions[name]
+    mass = pin.crba(model, model.createData(), posture)
+    mass = np.triu(mass) + np.triu(mass, 1).T
+    column = {name: model.joints[model.getJointId(name)].idx_v for name in model.names}
+    for name, rule in followers.items():
+        own, master = column[name], column[rule.master]
+        # energy of both at one speed: m^2 M_ff + 2 m M_fj beside M_jj
+        m = rule.multiplier
+        added[list(joints).index(rule.master)] += (
+            m**2 * mass[own, own] + 2 * m * mass[own, master]
+        )
+    # a follower that mostly moves against its master may seem to take inertia off
+    return np.maximum(added, 0.0)
+
+
+def _notes(
+    tree: Description, joints: Sequence[str], given: Mapping[str, float]
+) -> list[str]:
+    """Joints locked at zero that count: those that the arm carries, and those that carry the arm."""
+    moved, carriers = tree.moved(joints), tree.carriers(joints)
+    silent, fixed = [], []
+    for joint in tree.joints:
+        # a slide that carries the arm moves it without turning it against gravity
+        mounts = joint.name in carriers and joint.kind != "prismatic"
+        if joint.name in joints or not (joint.child in moved or mounts):
+            continue
+        if joint.kind in SEVERAL:
+            fixed.append(joint.name or f"the joint of {joint.child}")
+        elif joint.moves and joint.name not in given:
+            silent.append(joint.name)
+    notes = []
+    if silent:
+        notes.append(
+            f"{tree.file}: locked at zero: {shortened(silent)}; if one stood elsewhere, say so in locked: of "
+            "the case"
+        )
+    if fixed:
+        notes.append(
+            f"{tree.file}: fixed as the file draws it, for it has several degrees of freedom: "
+            f"{shortened(fixed)}"
+        )
+    return notes
+
+
+def left_out(description: Description, joints: Sequence[str]) -> tuple[str, ...]:
+    """What acts on an arm by its MJCF file and is not simulated, and the gains of its actuators, a sentence each."""
+    path = description.file
+    notes = [said for name, said in description.unread if not name or name in joints]
+    for link in description.links:
+        if link.drawn and link.inertial is None and description.is_moved(link.name):
+            notes.append(
+                f"body {link.name} has no <inertial> and is weighed by its shapes; give it one"
+            )
+    gains = [description.single[name].gains or (0.0, 0.0) for name in joints]
+    if np.any(gains):
+        kp, kd = (", ".join(f"{x:g}" for x in own) for own in zip(*gains, strict=True))
+        notes.append(
+            f"its actuators hold positions; as the controller: of a case, kp: [{kp}], kd: [{kd}] at the rate of the "
+            "simulation"
+        )
+    return tuple(f"{path}: {note}" for note in notes)
 
 
 # Nominal arms from a URDF file, or from a known name.

@@ -11,7 +11,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from scipy.stats import norm
 
-from gapscope.arm.dynamics.rollout import LONGEST_STEP, Plant, Stepper
+from gapscope.arm.dynamics.rollout import LONGEST_STEP, Stepper
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -334,14 +334,14 @@ def follow_states(
     count = max(1, round(period / (2 * LONGEST_STEP)))
     # the stepper counts joints in the order of the bodies, the case in its own
     to_body, to_case = regressor.body.order, regressor.body.places
-    stepper = Stepper(regressor.body, Plant.of(prior), period / count)
+    stepper = Stepper(regressor.body, prior, period / count)
 
     def after(x: np.ndarray, dt: float, torque: np.ndarray) -> np.ndarray:
         """The state after some time [s] under a torque [N m]."""
         parameters = prior.copy()
         parameters[places] += x[2 * n :]
         # each sigma point has its own arm
-        stepper.set_plant(Plant.of(parameters))
+        stepper.set_parameters(parameters)
         stepper.dt = dt / count
         q, dq = x[:n][None, to_body], x[n : 2 * n][None, to_body]
         for _ in range(count):

@@ -19,7 +19,6 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.dynamics.link_shapes import read_frames
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import actuated_joints
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.layouts import (
     LEROBOT,
@@ -43,7 +42,7 @@ from gapscope.arm.recording import (
     slow_words,
     step_notes,
 )
-from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.robots import actuated_joints, load_nominal_arm
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.set_up import Remark, SetUp, fault_remark, look_at_set_up
 from gapscope.diagnosis.setup_faults.clocks import find_stamps

@@ -31,7 +31,6 @@ from gapscope.inspection.inspection import (
 from gapscope.interface.models import case_file, case_of
 from gapscope.interface.result import Document, DocumentResult, Result
 from gapscope.model_audit.audit import audit_model
-from gapscope.model_audit.audit import document as audit_document
 from gapscope.reports import agreement as agreement_report
 from gapscope.reports import audit as audit_report
 from gapscope.reports import case_check as case_check_report
@@ -208,7 +207,7 @@ def audit(
     rows = itemgetter("findings")
     return DocumentResult(
         "audit",
-        audit_document(found),
+        found,
         audit_report.summary,
         rows,
         audit_report.write_page,

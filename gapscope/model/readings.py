@@ -32,7 +32,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.reading import Reading
-from gapscope.arm.robots import shifted_body
+from gapscope.arm.robots import shifted_arm
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.effects.environment import tilt
 from gapscope.effects.setup_faults import LateTorque
@@ -642,8 +642,8 @@ class ReadingScorer:
         key = (reading.link_shift, reading.moved_only, reading.turn)
         if key not in self._bodies:
             try:
-                shifted = shifted_body(self.arm, reading.link_shift, reading.moved_only)
-                body = self.body if shifted is None else shifted
+                arm = shifted_arm(self.arm, reading.link_shift, reading.moved_only)
+                body = self.body if arm is self.arm else RigidBody(arm)
                 if any(reading.turn):
                     gravity = tilt(*reading.turn).T @ body.gravity
                     body = body.changed(np.zeros((self.arm.n_joints, 10)), gravity)

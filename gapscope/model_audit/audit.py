@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,7 @@ from gapscope.arm.dynamics.description import (
     Link,
     read_description,
 )
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import arm_model
+from gapscope.arm.dynamics.rigid_body import RigidBody, arm_model
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.input_file import is_file
 from gapscope.arm.io.case_file import is_case
@@ -29,7 +28,7 @@ from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.table import runs
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.arm.robots import load_nominal_arm, shifted_body
+from gapscope.arm.robots import load_nominal_arm, shifted_arm
 from gapscope.arm.root_mean_square import rms
 from gapscope.model_audit.checks import (
     GRAVITY_MISFIT,
@@ -62,55 +61,24 @@ from gapscope.model_audit.description import (
 
 FIRST_MOMENTS = 4
 """Columns of a link's regressor that gravity acts on: mass and first moments."""
+AS_IS = "the model as it is"
+"""The first explanation."""
 
 
-@dataclass(frozen=True)
-class Explanation:
-    """What the measured gravity torque would mean.
-
-    Attributes:
-        name: in words.
-        misfit: RMS of what is left, offsets free, over the spread of the measured torque [1].
-        parameters: how many numbers were fitted beside the offsets.
-        changes: of mass [kg] and first moment [kg m] of the link, shape (4,), for a wrong link; else empty.
-    """
-
-    name: str
-    misfit: float
-    parameters: int
-    changes: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class StaticPoses:
-    """Gravity torque of a model against measured, K poses of an arm with n joints.
-
-    Attributes:
-        joints: their names.
-        poses: how many.
-        correlation, scale: of the measured torque with the model's [1], shape (n,); nan where gravity does not act.
-        offset: of the measured torque from scale times the model's [N m], shape (n,).
-        rms: of measured minus model [N m], shape (n,).
-        spread: standard deviation of the measured torque [N m], shape (n,).
-        explanations: best first, the model as it is among them.
-    """
-
-    joints: tuple[str, ...]
-    poses: int
-    correlation: np.ndarray
-    scale: np.ndarray
-    offset: np.ndarray
-    rms: np.ndarray
-    spread: np.ndarray
-    explanations: tuple[Explanation, ...]
-
-
-def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
+def static_poses(robot: str | Path, recording: Path) -> dict[str, Any]:
     """Compare the torque at rest with the model's gravity torque.
 
     Args:
         robot: URDF or MJCF file, known name, or case.
         recording: a recording in the columns of the case format, or a case; at rest in several poses.
+
+    Returns:
+        ``joints`` by name, and how many ``poses``; of each of the n joints ``correlation`` and ``scale`` of the
+        measured torque with the model's [1], nan where gravity does not act, ``offset`` from scale times the model's,
+        ``rms`` of measured minus model, and ``spread``, the standard deviation of the measured torque [N m];
+        ``explanations``, best first, the model as it is among them, with their ``name``, ``misfit``, the RMS of what
+        is left, offsets free, over the spread [1], how many ``parameters`` were fitted beside the offsets, and of a
+        wrong link the ``changes`` of its mass [kg] and first moments [kg m].
 
     Raises:
         InputError: robot or recording cannot be used, it has no torque, or it rests in too few poses.
@@ -135,17 +103,25 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
     size = float(rms(torque, axis=None))
     by_model = model - model.mean(axis=0)
 
-    def explained(name: str, left: np.ndarray, parameters: int = 0) -> Explanation:
-        return Explanation(name, float(rms(left, axis=None)) / size, parameters)
+    def explained(
+        name: str, left: np.ndarray, changes: Sequence[float] = ()
+    ) -> dict[str, Any]:
+        return {
+            "name": name,
+            "misfit": float(rms(left, axis=None)) / size,
+            "parameters": len(changes),
+            "changes": changes,
+        }
 
     found = [
-        explained("the model as it is", torque - by_model),
+        explained(AS_IS, torque - by_model),
         explained("a torque column without gravity", torque),
         explained("torque of the opposite sign on all joints", torque + by_model),
     ]
     common = float((torque * by_model).sum() / (by_model**2).sum())
     name = f"one scale of {common:.3g} on all joints"
-    found.append(explained(name, torque - common * by_model, 1))
+    scaled = explained(name, torque - common * by_model)
+    found.append({**scaled, "parameters": 1})
     # joints on which gravity hardly acts keep their sign
     opposite = correlation < OPPOSITE
     if opposite.any() and not opposite.all():
@@ -157,9 +133,9 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
     for by, word in ((1, "next"), (-1, "previous")):
         with suppress(GapscopeError):
             # the file's inertials go back to where they belong
-            other = shifted_body(arm, -by)
-            if other is not None:
-                shifted = other.gravity_torque(q)
+            other = shifted_arm(arm, -by)
+            if other is not arm:
+                shifted = RigidBody(other).gravity_torque(q)
                 name = f"each link with the inertial of the {word} one"
                 found.append(explained(name, torque - shifted + shifted.mean(axis=0)))
     # mass and first moments of one link fitted to the error of the model
@@ -172,49 +148,50 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
         columns = columns.reshape(-1, FIRST_MOMENTS)
         changes = np.linalg.lstsq(columns, error, rcond=1e-6)[0]
         name = f"another mass or centre of the link moved by joint {j + 1} ({joint})"
-        one = explained(name, error - columns @ changes, FIRST_MOMENTS)
-        found.append(replace(one, changes=tuple(changes.tolist())))
+        found.append(explained(name, error - columns @ changes, changes.tolist()))
 
-    def criterion(one: Explanation) -> float:
+    def criterion(one: Mapping[str, Any]) -> float:
         # N log(misfit^2) + 2 k, but for what all hypotheses share
-        return torque.size * 2 * np.log(max(one.misfit, 1e-6)) + 2 * one.parameters
+        misfit = torque.size * 2 * np.log(max(one["misfit"], 1e-6))
+        return float(misfit + 2 * one["parameters"])
 
-    return StaticPoses(
-        arm.joints,
-        len(q),
-        correlation,
-        scale,
-        offset,
-        rms(tau - model),
-        tau.std(axis=0),
-        tuple(sorted(found, key=criterion)),
-    )
+    return {
+        "joints": arm.joints,
+        "poses": len(q),
+        "correlation": correlation,
+        "scale": scale,
+        "offset": offset,
+        "rms": rms(tau - model),
+        "spread": tau.std(axis=0),
+        "explanations": sorted(found, key=criterion),
+    }
 
 
-def check_static(static: StaticPoses) -> Iterator[Finding]:
+def check_static(static: Mapping[str, Any]) -> Iterator[Finding]:
     """What the measured gravity torque says of the model."""
-    as_is = next(x for x in static.explanations if x.name == "the model as it is")
+    explanations = static["explanations"]
+    as_is = next(x for x in explanations if x["name"] == AS_IS)
     # nothing to say: what is left is as small as rounding and friction make it
-    if as_is.misfit <= GRAVITY_MISFIT:
+    if as_is["misfit"] <= GRAVITY_MISFIT:
         return
-    best = static.explanations[0]
+    best = explanations[0]
     # a small gain over the model as it is explains nothing
-    if best is as_is or best.misfit > 0.7 * as_is.misfit:
+    if best is as_is or best["misfit"] > 0.7 * as_is["misfit"]:
         said = "no single error of sign, scale, link or assignment explains it"
         remedy = "check units and order of the joints (gapscope check), then identify the arm (gapscope identify)"
     else:
-        said = f"{best.name} leaves {best.misfit:.0%}"
+        said = f"{best['name']} leaves {best['misfit']:.0%}"
         remedy = "put this right and run the audit again; several explanations that leave as much cannot be told apart"
     yield Finding(
         "implausible",
         "gravity_torque",
         "",
         0,
-        f"at rest the measured torque differs from the model's gravity torque by {as_is.misfit:.0%} of its spread; "
+        f"at rest the measured torque differs from the model's gravity torque by {as_is['misfit']:.0%} of its spread; "
         f"{said}",
         f"less than {GRAVITY_MISFIT:.0%}, offsets left free",
         remedy,
-        20.0 + as_is.misfit,
+        20.0 + as_is["misfit"],
     )
 
 
@@ -279,44 +256,30 @@ def _line(model: np.ndarray, tau: np.ndarray) -> tuple[float, float, float]:
 # All checks of a model file.
 
 
-@dataclass(frozen=True)
-class Audit:
-    """What is odd about a model.
-
-    Attributes:
-        description: the file as it stands.
-        geometries: size of each link with usable shapes.
-        refused: why no arm can be built of it; empty if one can.
-        findings: worst first.
-        static: gravity torque against measured, or ``None`` without static poses.
-    """
-
-    description: Description
-    geometries: dict[str, Geometry]
-    refused: str
-    findings: tuple[Finding, ...]
-    static: StaticPoses | None = None
-
-
 def odd_kinds(robot: Path) -> str:
     """What no arm has, or hardly any, in the file of a robot: kinds of findings with their numbers; empty if nothing.
 
     Raises:
         InputError: the file is no XML of a robot.
     """
-    found = audit_model(robot).findings
-    odd = Counter(x.kind for x in found if x.severity in SEVERITIES[:2])
+    found = audit_model(robot)["findings"]
+    odd = Counter(x["kind"] for x in found if x["severity"] in SEVERITIES[:2])
     return ", ".join(
         f"{kind.replace('_', ' ')} ({count})" for kind, count in odd.items()
     )
 
 
-def audit_model(robot: str | Path, recording: Path | None = None) -> Audit:
+def audit_model(robot: str | Path, recording: Path | None = None) -> dict[str, Any]:
     """Audit the file of a robot, and its gravity torque if there are static poses.
 
     Args:
         robot: URDF or MJCF file, known name, or case.
         recording: a recording of static poses, or a case of them.
+
+    Returns:
+        The content of ``audit.json``, plain; what is not known is null. Findings are worst first. Moments are
+        principal ones about the centre of mass [kg m^2]; ``density`` is mass over the volume of the link's shapes,
+        ``box_density`` that of the homogeneous box with the same mass and moments [kg/m^3].
 
     Raises:
         InputError: there is no such file, it is no XML of a robot, or the recording has no static poses.
@@ -330,7 +293,7 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> Audit:
         Finding(
             "impossible",
             "unreadable_number" if one.got is not None else "incomplete_inertial",
-            one.place.removeprefix("shape of ").replace("body ", "link "),
+            one.place.removeprefix("shape of "),
             one.line,
             f"{one.element}: {one.problem}",
             one.wanted if one.got is not None else "mass and inertia",
@@ -359,7 +322,25 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> Audit:
     if recording is not None:
         static = static_poses(robot, recording)
         findings += check_static(static)
-    return Audit(description, geometries, refused, worst_first(findings), static)
+    counts = Counter(one.severity for one in findings)
+    content = {
+        "schema": 1,
+        "robot": description.name,
+        "file": str(description.file),
+        "form": description.form,
+        "refused": refused or None,
+        "total_mass": total_mass(description),
+        "counts": dict.fromkeys(SEVERITIES, 0) | counts,
+        "findings": worst_first(findings),
+        "links": [
+            _link(link, description, geometries.get(link.name))
+            for link in description.links
+        ],
+        "joints": [_joint(joint) for joint in description.joints],
+        "static": static,
+    }
+    found: dict[str, Any] = plain(content, null_if_not_finite=True)
+    return found
 
 
 def check_description(
@@ -457,56 +438,30 @@ def _gravity(case: Path | None, gravity: list[float] | None) -> Iterator[Finding
         )
 
 
-# The document of an audit, ``audit.json``.
+# Links and joints in the document of an audit.
 
 
-def document(audit: Audit) -> dict[str, Any]:
-    """An audit as plain data; what is not known is null.
-
-    Findings are in order, worst first. Moments are principal ones about the centre of mass [kg m^2]; ``density`` is
-    mass over the volume of the link's shapes, ``box_density`` that of the homogeneous box with the same mass and
-    moments [kg/m^3].
-    """
-    description = audit.description
-    content = {
-        "schema": 1,
-        "robot": description.name,
-        "file": str(description.file),
-        "form": description.form,
-        "refused": audit.refused or None,
-        "total_mass": total_mass(description),
-        "counts": dict.fromkeys(SEVERITIES, 0)
-        | Counter(one.severity for one in audit.findings),
-        "findings": audit.findings,
-        "links": [_link(audit, link) for link in description.links],
-        "joints": [_joint(joint) for joint in description.joints],
-        "static": audit.static,
-    }
-    return plain(content, null_if_not_finite=True)
-
-
-def _link(audit: Audit, link: Link) -> dict[str, Any]:
-    inertial, geometry = link.inertial, audit.geometries.get(link.name)
-    above = audit.description.above.get(link.name)
+def _link(
+    link: Link, description: Description, geometry: Geometry | None
+) -> dict[str, Any]:
+    inertial, above = link.inertial, description.above.get(link.name)
     content = {
         "name": link.name,
         "line": link.line,
         "joint": None if above is None else above.name,
-        "moved": audit.description.is_moved(link.name),
+        "moved": description.is_moved(link.name),
         "volume": None if geometry is None else geometry.volume,
     }
+    # what is not known of a link without an inertial
+    content |= dict.fromkeys(("mass", "com", "moments", "density", "box_density"))
     if inertial is None:
-        nothing = ("mass", "com", "moments", "density", "box_density")
-        return {**content, **dict.fromkeys(nothing)}
-    density = None if geometry is None else inertial.mass / geometry.volume
-    return {
-        **content,
-        "mass": inertial.mass,
-        "com": inertial.com,
-        "moments": np.linalg.eigvalsh(inertial.moments),
-        "density": density,
-        "box_density": box_density(inertial) if inertial.is_body else None,
-    }
+        return content
+    if geometry is not None:
+        content["density"] = inertial.mass / geometry.volume
+    if inertial.is_body:
+        content["box_density"] = box_density(inertial)
+    moments = np.linalg.eigvalsh(inertial.moments)
+    return {**content, "mass": inertial.mass, "com": inertial.com, "moments": moments}
 
 
 def _joint(joint: Joint) -> dict[str, Any]:

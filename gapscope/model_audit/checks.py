@@ -5,16 +5,21 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 
 import numpy as np
 from scipy.stats import f as fisher
 
-from gapscope.arm.dynamics.description import Description, Inertial, Joint, Link
+from gapscope.arm.dynamics.description import (
+    Description,
+    Inertial,
+    Joint,
+    Link,
+    tree_faults,
+)
 from gapscope.arm.dynamics.inertials import box_edges
-from gapscope.arm.dynamics.robot_file import tree_faults
 from gapscope.model_audit.description import Finding, Geometry, distance_outside
 
 # All thresholds of the audit, each with its meaning, its unit in brackets and where it comes from in parentheses.
@@ -692,10 +697,11 @@ def _whole(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fin
     if mean < SHIFT_GAIN or share < SHIFT_SHARE:
         return
     beyond = "next" if step > 0 else "previous"
-    yield _shifted(
-        links,
+    finding = Finding(
+        "implausible",
         "shifted_inertials",
-        extents,
+        "",
+        0,
         f"the inertials look shifted by one link: {share:.0%} of {count} links are fitted better by the inertial of "
         f"the {beyond} link, whose misfit is {np.exp(-mean):.2g} times that of their own",
         "each inertial within its own link",
@@ -703,6 +709,7 @@ def _whole(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fin
         "the audit again",
         float(mean),
     )
+    yield _shifted(links, extents, finding)
 
 
 def _neighbours(
@@ -749,10 +756,11 @@ def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fi
     if p > MASS_SHIFT_LEVEL or then > MASS_SHIFT_SPREAD:
         return
     beyond = "next" if step > 0 else "previous"
-    yield _shifted(
-        links,
+    finding = Finding(
+        "implausible",
         "shifted_masses",
-        extents,
+        "",
+        0,
         f"the masses look shifted by one link: moments over mass and size differ by {np.expm1(now):.0%} between "
         f"{count} links, with the mass of the {beyond} link each by {np.expm1(then):.0%} (p = {p:.1g}); "
         "centres and moments are in place",
@@ -760,6 +768,7 @@ def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fi
         f"give each link the <mass> of the {beyond} one, compare with the data sheet, and run the audit again",
         float(np.log(now / then)),
     )
+    yield _shifted(links, extents, finding)
 
 
 def possible(inertial: Inertial) -> bool:
@@ -771,19 +780,15 @@ def possible(inertial: Inertial) -> bool:
 
 
 def _shifted(
-    links: Sequence[Link],
-    kind: str,
-    extents: Mapping[str, Extent],
-    found: str,
-    expected: str,
-    remedy: str,
-    size: float,
+    links: Sequence[Link], extents: Mapping[str, Extent], finding: Finding
 ) -> Finding:
+    """A finding on links in this order, with what makes it less certain."""
     known = [extents[link.name] for link in links if link.name in extents]
+    said = finding.found
     if not all(extent.by_shape for extent in known):
-        found += "; judged by the joints' frames where shapes are missing, which is less certain"
+        said += "; judged by the joints' frames where shapes are missing, which is less certain"
     _, line = links[0].where
-    return Finding("implausible", kind, "", line, found, expected, remedy, 10.0 + size)
+    return replace(finding, line=line, found=said, size=10.0 + finding.size)
 
 
 def _extents(

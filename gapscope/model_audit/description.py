@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from gapscope.arm.dynamics.description import Description
-from gapscope.arm.dynamics.link_shapes import mesh_points, shape_points
+from gapscope.arm.dynamics.link_shapes import mesh_points, shape_points, solid_of
 from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.case_file import CasePaths, is_case, read_case_file
 from gapscope.arm.robots import locate
@@ -121,11 +121,14 @@ def link_geometry(description: Description, link: str) -> Geometry | None:
     whole = _hull(np.vstack(every)) if shapes else None
     if not hulls or whole is None:
         return None
-    volume, centre, variance = _together([_solid(hull) for hull in hulls])
+    solid = solid_of([hull.points[hull.vertices] for hull in hulls])
+    moments = solid.inertia
+    variance = (np.eye(3) * np.trace(moments) / 2 - moments) / solid.mass
     corners = whole.points[whole.vertices]
     edge = float(np.ptp(corners, axis=0).max())
     # overlapping shapes may add up to more than the hull of all
-    return Geometry(corners, min(volume, whole.volume), centre, variance, edge)
+    volume = min(float(solid.mass), whole.volume)
+    return Geometry(corners, volume, solid.lever, variance, edge)
 
 
 def distance_outside(geometry: Geometry, point: np.ndarray) -> float:
@@ -141,34 +144,6 @@ def _hull(points: np.ndarray) -> ConvexHull | None:
         return ConvexHull(points)
     except (QhullError, ValueError):
         return None
-
-
-def _solid(hull: ConvexHull) -> tuple[float, np.ndarray, np.ndarray]:
-    """Volume [m^3], centre [m] and second moment about the origin [m^5] of the body within a hull, by tetrahedra.
-
-    With corners a, b, c and a centre o inside, each tetrahedron has the volume V = |det(a-o, b-o, c-o)| / 6 and, for
-    its corners p_i, the second moment V/20 (sum p_i p_i^T + (sum p_i)(sum p_i)^T).
-    """
-    # from a point inside, so that all tetrahedra count with the same sign
-    inside = hull.points[hull.vertices].mean(axis=0)
-    corners = hull.points[hull.simplices]
-    volumes = np.abs(np.linalg.det(corners - inside)) / 6
-    sums = corners.sum(axis=1) + inside
-    squares = np.einsum("tki,tkj->tij", corners, corners) + np.outer(inside, inside)
-    moments = squares + np.einsum("ti,tj->tij", sums, sums)
-    total = volumes.sum()
-    centre = volumes @ sums / 4 / total
-    return float(total), centre, np.einsum("t,tij->ij", volumes / 20, moments)
-
-
-def _together(
-    solids: list[tuple[float, np.ndarray, np.ndarray]],
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """Volume [m^3], centre [m] and variance [m^2] of several solids."""
-    volume = sum(v for v, _, _ in solids)
-    centre = np.sum([v * centre for v, centre, _ in solids], axis=0) / volume
-    second = np.sum([moment for _, _, moment in solids], axis=0) / volume
-    return volume, centre, second - np.outer(centre, centre)
 
 
 @lru_cache(maxsize=256)

@@ -37,7 +37,7 @@ BAD = [
     ({"encoder_step": -1e-4}, "sheet.encoder_step: expected a number above 0, got -0.0001"),
     ({"encoder_step": "fine"}, "sheet.encoder_step"),
     ({"encoder": "link"}, "sheet.encoder: expected one of motor, joint; got .link"),
-    ({"Viscous": PLAIN}, "did you mean viscous"),
+    ({"Viscous": PLAIN}, "did you mean 'viscous'"),
     ({"mass": PLAIN}, "known keys: armature, coulomb, viscous, torque_limit, encoder, encoder_step"),
     ([PLAIN], "sheet: expected a mapping"),
     *(

@@ -13,11 +13,15 @@ import pytest
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import placeholder
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm, pybullet_data
+from gapscope.arm.robots import (
+    KNOWN_ROBOTS,
+    load_nominal_arm,
+    placeholder,
+    pybullet_data,
+)
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.interface.models import export
 
@@ -250,7 +254,9 @@ MJCF = """<mujoco model="hand">
 
 def test_an_mjcf_hand_follows_and_tells_its_gains(tmp_path: Path) -> None:
     path = tmp_path / "hand.xml"
-    path.write_text(MJCF.format(equality='<connect body1="left" body2="right"/>'))
+    path.write_text(
+        MJCF.format(equality='<connect body1="left" body2="right" anchor="0 0 0"/>')
+    )
     arm, notes = notes_of(path)
     assert arm.joints == ("shoulder", "f1") and arm.sliding == (False, True)
     np.testing.assert_allclose(arm.armature, [0, 0.2])

@@ -123,5 +123,5 @@ def test_a_name_that_is_no_recording_is_refused(
     declare(carried, **{"recording_9.csv": LOAD.entry()})
     for command in (("gap",), ("diagnose", "--out", "out"), ("identify", "--out", "x")):
         done = gapscope(command[0], carried, *command[1:])
-        assert done.code == 2 and "did you mean recording_" in done.err
+        assert done.code == 2 and "did you mean 'recording_" in done.err
         assert "field payloads: no recording is called 'recording_9.csv'" in done.err

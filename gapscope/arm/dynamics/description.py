@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable, Iterator
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,19 +20,19 @@ from pinocchio import SE3, exp3
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import is_file, read_bytes
-from gapscope.arm.io.table import LARGEST_NUMBER
+from gapscope.arm.input_file import LARGEST_NUMBER, is_file, read_bytes
 from gapscope.arm.nearest_name import nearest
+from gapscope.arm.nominal import check_size
 
 # --- what a file holds
 
 
 @dataclass(frozen=True)
 class Unreadable:
-    """Something that a file does not say as it should; its default stands in.
+    """Something that a URDF does not say as it should; its default stands in.
 
     Attributes:
-        place: the link, body or joint, or ``shape of`` one.
+        place: the link or joint, or ``shape of`` one.
         line: of the element.
         element: with its attribute, ``<mass value>``.
         got: what stands there; ``None``: nothing.
@@ -245,7 +246,6 @@ class Description:
         file: where it is.
         form: ``URDF`` or ``MJCF``.
         name: of the robot.
-        root: of the file; elements of an MJCF file have what default classes give them.
         links, joints: in the order of the file, fixed joints included.
         unreadable: what it does not say as it should.
         unread: what acts by an MJCF file and is not read, a sentence each, with the joint that it acts on, or an empty
@@ -256,7 +256,6 @@ class Description:
     file: Path
     form: str
     name: str
-    root: ET.Element
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     unreadable: tuple[Unreadable, ...] = ()
@@ -407,9 +406,9 @@ def read_description(path: Path, *, shapes: bool = True) -> Description:
             it.
     """
     content = read_bytes(path, "check the robot: entry of the case")
+    text = content.decode("utf-8", "replace")
     # xacro marks in a comment do no harm
-    text = COMMENT.sub("", content.decode("utf-8", "replace"))
-    if path.suffix == ".xacro" or UNEXPANDED.search(text):
+    if path.suffix == ".xacro" or UNEXPANDED.search(COMMENT.sub("", text)):
         raise InputError(
             "is xacro, from which a URDF is made first",
             f"xacro {path.name} > robot.urdf, with xacro of ROS or of pip install xacrodoc (xacrodoc {path.name} -o "
@@ -420,7 +419,7 @@ def read_description(path: Path, *, shapes: bool = True) -> Description:
     if root.tag == "robot":
         return _UrdfReader(root, lines, path).description(shapes)
     if root.tag == "mujoco":
-        return _MjcfReader(root, lines, path).description()
+        return _MjcfReader(text, lines, path).description(root.get("model"))
     raise InputError(
         f"root element is <{root.tag}>, expected <robot> or <mujoco>",
         "give a URDF or MJCF file",
@@ -460,92 +459,11 @@ def moments_matrix(moments: Iterable[float]) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-class _Reader:
-    """Reads numbers of attributes; what is none is noted, and the default is used."""
-
-    def __init__(self, root: ET.Element, lines: Lines, path: Path) -> None:
-        self.root, self.path, self.lines = root, path, lines
-        self.unreadable: list[Unreadable] = []
-        self.unread: list[tuple[str, str]] = []
-
-    def several(
-        self, element: ET.Element | None, key: str, default: Iterable[float], place: str
-    ) -> np.ndarray:
-        """As many numbers as the default has."""
-        usual = np.array(list(default), dtype=float)
-        text = None if element is None else element.get(key)
-        if element is None or text is None:
-            return usual
-        try:
-            found = np.array(text.split(), dtype=float)
-        except ValueError:
-            # a wrong count of numbers, or one beyond computing, is noted like text
-            found = np.array([np.nan])
-        if len(found) == len(usual) and (np.abs(found) < LARGEST_NUMBER).all():
-            # numbers next to nothing would overflow once they are divided by
-            return np.where(np.abs(found) > 1 / LARGEST_NUMBER, found, 0.0)
-        count = len(usual)
-        wanted = "a number" if count == 1 else f"{count} numbers"
-        self.note(element, key, place, wanted)
-        return usual
-
-    def one(
-        self, element: ET.Element | None, key: str, place: str, limit: bool = False
-    ) -> float | None:
-        """A number, or ``None`` if it is not given or none; that of a limit may be infinite."""
-        text = None if element is None else element.get(key)
-        if text is None:
-            return None
-        # "inf" or a huge number is how files write that there is no limit
-        with suppress(ValueError):
-            if limit and abs(float(text)) >= LARGEST_NUMBER:
-                return math.copysign(math.inf, float(text))
-        # a number that could not be read counts as not given
-        noted = len(self.unreadable)
-        value = float(self.several(element, key, (0.0,), place)[0])
-        return value if len(self.unreadable) == noted else None
-
-    def any(
-        self, element: ET.Element, key: str, default: float, place: str
-    ) -> np.ndarray:
-        """However many numbers stand there; one by default."""
-        count = max(len(element.get(key, "").split()), 1)
-        return self.several(element, key, np.full(count, default), place)
-
-    def note(self, element: ET.Element, key: str, place: str, wanted: str) -> None:
-        """Note that an attribute is not what is wanted, or without one that an element lacks it."""
-        name, line = f"<{f'{element.tag} {key}'.strip()}>", self.lines[element]
-        self.unreadable.append(Unreadable(place, line, name, element.get(key), wanted))
-
-    def inertial(
-        self, element: ET.Element, pose: SE3, mass: float | None, own: np.ndarray
-    ) -> Inertial:
-        """Of moments in axes of an inertial frame, (3, 3), which is placed in the link's."""
-        # from the axes of the inertial's frame into those of the link
-        turned = pose.rotation @ own @ pose.rotation.T
-        line = self.lines[element]
-        return Inertial(line, mass or 0.0, pose.translation, turned, own)
-
-    def described(
-        self,
-        form: str,
-        name: str | None,
-        links: Iterable[Link],
-        joints: list[Joint],
-        gravity: np.ndarray | None = None,
-    ) -> Description:
-        """What was read."""
-        return Description(
-            self.path,
-            form,
-            name or self.path.stem,
-            self.root,
-            tuple(links),
-            tuple(joints),
-            tuple(self.unreadable),
-            tuple(self.unread),
-            gravity,
-        )
+def inertial_of(line: int, pose: SE3, mass: float, own: np.ndarray) -> Inertial:
+    """Of moments in axes of an inertial frame, (3, 3), which is placed in the link's."""
+    # from the axes of the inertial's frame into those of the link
+    turned = pose.rotation @ own @ pose.rotation.T
+    return Inertial(line, mass, pose.translation, turned, own)
 
 
 # --- URDF
@@ -588,8 +506,12 @@ def find_mesh(name: str, urdf: Path) -> Path | None:
     return next((file.resolve() for file in files if is_file(file)), None)
 
 
-class _UrdfReader(_Reader):
-    """Reads links and joints of a URDF."""
+class _UrdfReader:
+    """Reads links and joints of a URDF; what is no number is noted, and the default is used."""
+
+    def __init__(self, root: ET.Element, lines: Lines, path: Path) -> None:
+        self.root, self.path, self.lines = root, path, lines
+        self.unreadable: list[Unreadable] = []
 
     def description(self, shapes: bool) -> Description:
         """The whole file."""
@@ -598,7 +520,57 @@ class _UrdfReader(_Reader):
         self._colours = {name: rgba for name, rgba in named.items() if name and rgba}
         links = [self._link(element, shapes) for element in self.root.findall("link")]
         joints = [self._joint(element) for element in self.root.findall("joint")]
-        return self.described("URDF", self.root.get("name"), links, joints)
+        name = self.root.get("name") or self.path.stem
+        return Description(
+            self.path,
+            "URDF",
+            name,
+            tuple(links),
+            tuple(joints),
+            tuple(self.unreadable),
+        )
+
+    def several(
+        self, element: ET.Element | None, key: str, default: Iterable[float], place: str
+    ) -> np.ndarray:
+        """As many numbers as the default has."""
+        usual = np.array(list(default), dtype=float)
+        text = None if element is None else element.get(key)
+        if element is None or text is None:
+            return usual
+        try:
+            found = np.array(text.split(), dtype=float)
+        except ValueError:
+            # a wrong count of numbers, or one beyond computing, is noted like text
+            found = np.array([np.nan])
+        if len(found) == len(usual) and (np.abs(found) < LARGEST_NUMBER).all():
+            # numbers next to nothing would overflow once they are divided by
+            return np.where(np.abs(found) > 1 / LARGEST_NUMBER, found, 0.0)
+        count = len(usual)
+        wanted = "a number" if count == 1 else f"{count} numbers"
+        self.note(element, key, place, wanted)
+        return usual
+
+    def one(
+        self, element: ET.Element | None, key: str, place: str, limit: bool = False
+    ) -> float | None:
+        """A number, or ``None`` if it is not given or none; that of a limit may be infinite."""
+        text = None if element is None else element.get(key)
+        if text is None:
+            return None
+        # "inf" or a huge number is how files write that there is no limit
+        with suppress(ValueError):
+            if limit and abs(float(text)) >= LARGEST_NUMBER:
+                return math.copysign(math.inf, float(text))
+        # a number that could not be read counts as not given
+        noted = len(self.unreadable)
+        value = float(self.several(element, key, (0.0,), place)[0])
+        return value if len(self.unreadable) == noted else None
+
+    def note(self, element: ET.Element, key: str, place: str, wanted: str) -> None:
+        """Note that an attribute is not what is wanted, or without one that an element lacks it."""
+        name, line = f"<{f'{element.tag} {key}'.strip()}>", self.lines[element]
+        self.unreadable.append(Unreadable(place, line, name, element.get(key), wanted))
 
     def _link(self, element: ET.Element, shapes: bool) -> Link:
         name, inertial = element.get("name", "").strip(), element.find("inertial")
@@ -658,7 +630,8 @@ class _UrdfReader(_Reader):
                 self.note(element, "", place, f"<{tag} {lacking[0]}>")
             values |= {key: self.one(part, key, place) or 0.0 for key in keys}
         own = moments_matrix(values[name] for name in MOMENTS)
-        return self.inertial(element, self._place(element, place), values["value"], own)
+        pose = self._place(element, place)
+        return inertial_of(self.lines[element], pose, values["value"], own)
 
     def _place(self, element: ET.Element, place: str) -> SE3:
         """Place by the ``<origin>`` of an element."""
@@ -697,21 +670,16 @@ class _UrdfReader(_Reader):
 
 # --- MJCF
 
-UNREAD = {
-    "tendon": "<tendon>",
-    "compiler[@settotalmass]": "<compiler settotalmass>",
-}
-"""What is passed over, by its path in the file."""
 KINDS = {"hinge": "revolute", "slide": "prismatic", "free": "floating"}
 NAMELESS = "without_a_name"
-TURNS: dict[str, tuple[float, ...]] = {
-    "quat": (1.0, 0.0, 0.0, 0.0),
-    "euler": ZERO,
-    "axisangle": (0.0, 0.0, 1.0, 0.0),
-    "xyaxes": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0),
-    "zaxis": (0.0, 0.0, 1.0),
+FULL = {
+    "box": (2, 2, 2),
+    "cylinder": (1, 2),
+    "capsule": (1, 2),
+    "sphere": (1,),
+    "ellipsoid": (1, 1, 1),
 }
-"""Attributes that turn an element, with what stands in for one that cannot be read."""
+"""Sizes of primitives over those of MJCF, which are half lengths."""
 
 
 def turn_of_z(direction: np.ndarray) -> np.ndarray:
@@ -723,105 +691,93 @@ def turn_of_z(direction: np.ndarray) -> np.ndarray:
     return exp3(angle * (axis / size if size else np.array([1.0, 0.0, 0.0])))
 
 
-class _MjcfReader(_Reader):
-    """Reads bodies, joints and shapes of an MJCF file, with what default classes give them.
+class _MjcfReader:
+    """Links and joints of an MJCF file as MuJoCo reads it, with what default classes, frames and replicates give them.
 
     Bodies without a name get one. Several joints of one body are a chain of links.
+
+    Raises:
+        InputError: it is no MJCF, or has parts in other files.
     """
 
-    def description(self) -> Description:
+    def __init__(self, text: str, lines: Lines, path: Path) -> None:
+        import mujoco
+
+        for element, line in lines.items():
+            if element.tag in ("include", "attach"):
+                raise InputError(
+                    f"<{element.tag}> is not read",
+                    "expand it in the file",
+                    file=path,
+                    where=f"line {line}",
+                )
+            # MuJoCo takes what no number can be computed with
+            for key, value in element.attrib.items():
+                if _overflows(value):
+                    raise InputError(
+                        f"expected numbers, got {value!r}",
+                        "correct the attribute",
+                        file=path,
+                        where=f"line {line}, <{element.tag} {key}>",
+                    )
+        try:
+            self.spec = mujoco.MjSpec.from_string(text)
+        except ValueError as error:
+            # what is wrong, and below it the element with its line
+            said = str(error).removeprefix("XML Error: ").splitlines()[0]
+            place = re.search(r"Element '(.*)', (line \d+)", str(error))
+            where = f"{place[2]}, <{place[1]}>" if place else ""
+            raise InputError(
+                f"is not valid MJCF: {said}", "correct it", file=path, where=where
+            ) from None
+        flag = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        self.weightless = bool(self.spec.option.disableflags & flag)
+        self.path = path
+        self.unread: list[tuple[str, str]] = []
+
+    def description(self, name: str | None) -> Description:
         """The whole file; the world is the first link, bodies that MuJoCo weighs by their shapes have no inertial."""
-        self._links, self._joints = [Link("world", 0, None)], list[Joint]()
-        compiler = self.root.find("compiler")
-        settings = {} if compiler is None else compiler.attrib
-        # MuJoCo's own default is degrees
-        degrees = settings.get("angle", "degree") == "degree"
-        self._angle = np.pi / 180 if degrees else 1.0
-        self._euler = settings.get("eulerseq", "xyz")
-        self._by_shape = settings.get("inertiafromgeom") == "true"
-        # without meshdir a name is relative to the file
-        folder = settings.get("meshdir") or settings.get("assetdir") or ""
-        self._folder = self.path.parent / folder
-        self._meshes = {
-            mesh.get("name") or Path(mesh.get("file", "")).stem: mesh
-            for mesh in self.root.findall("asset/mesh")
-        }
-        # first of all: then elements themselves say what their class gives them
-        self._give_defaults()
-        self.unread += [
-            ("", f"{what} is not read")
-            for path, what in UNREAD.items()
-            if self.root.find(path) is not None
-        ]
+        spec = self.spec
+        if spec.tendons:
+            self.unread.append(("", "<tendon> is not read"))
+        if spec.compiler.settotalmass > 0:
+            self.unread.append(("", "<compiler settotalmass> is not read"))
+        self._meshes = {mesh.name: mesh for mesh in spec.meshes}
         # before bodies, whose joints ask what actuators and equalities say
         self._mimics = self._equalities()
         self._read_actuators()
-        for world in self.root.findall("worldbody"):
-            self._visit(world, "world")
-        gravity = None
-        # of several the last counts
-        for option in self.root.findall("option[@gravity]"):
-            gravity = self.several(option, "gravity", ZERO, "file")
-        if self.root.find("option/flag[@gravity='disable']") is not None:
+        links, joints = [Link("world", 0, None)], list[Joint]()
+        for number, body in enumerate(spec.bodies[1:], start=1):
+            # names are written back: what hangs on a body finds it by them
+            body.name = body.name or f"{NAMELESS}_{number}"
+            self._body(body, links, joints)
+        gravity = np.array(spec.option.gravity)
+        if self.weightless:
             gravity = np.zeros(3)
-        name = self.root.get("model")
-        return self.described("MJCF", name, self._links, self._joints, gravity)
-
-    def _give_defaults(self) -> None:
-        """Give the elements of bodies and actuators the attributes that they have by their class."""
-        classes: dict[str, dict[str, dict[str, str]]] = {"main": {}}
-
-        def define(default: ET.Element, above: dict[str, dict[str, str]]) -> None:
-            # a class has what the one around it has, unless it says otherwise
-            own = {tag: dict(values) for tag, values in above.items()}
-            for child in default:
-                own.setdefault(child.tag, {}).update(child.attrib)
-            classes[default.get("class", "main")] = own
-            for child in default.findall("default"):
-                define(child, own)
-
-        def fill(element: ET.Element, inherited: str) -> None:
-            inherited = element.get("childclass", inherited)
-            for child in element:
-                # a class of the element, else that of the body around it
-                name = child.get("class", inherited)
-                for key in ("class", "childclass"):
-                    if child.get(key, "main") not in classes:
-                        place = f"{child.tag} {child.get('name', '')}"
-                        self.note(child, key, place, "the name of a default class")
-                given = classes.get(name, {}).get(child.tag, {})
-                # what stands at the element goes before the class
-                child.attrib.update({**given, **child.attrib})
-                fill(child, inherited)
-
-        for default in self.root.findall("default"):
-            define(default, {})
-        for part in self.root:
-            if part.tag in ("worldbody", "actuator", "asset"):
-                fill(part, "main")
+        return Description(
+            self.path,
+            "MJCF",
+            name or self.path.stem,
+            tuple(links),
+            tuple(joints),
+            unread=tuple(self.unread),
+            gravity=gravity,
+        )
 
     def _equalities(self) -> dict[str, Mimic]:
         """Joints that ``<equality>`` lets follow another one in proportion; other constraints are not read."""
         found = {}
-        for element in self.root.findall("equality/*"):
-            name, master = element.get("joint1", ""), element.get("joint2")
-            noted = len(self.unreadable)
-            # lowest power first
-            if "polycoef" in element.attrib:
-                terms = self.any(element, "polycoef", 0.0, f"joint {name}")
-            else:
-                terms = np.array([0.0, 1.0])
+        for equality in self.spec.equalities:
+            kind, ends = _word(equality.type), (equality.name1, equality.name2)
             # q = c0 + c1 q_master; higher powers are no proportion
-            straight = len(self.unreadable) == noted and not terms[2:].any()
-            if element.tag == "joint" and master and straight:
-                if element.get("active") != "false":
-                    offset, factor = np.pad(terms, (0, 2))[:2]
-                    found[name] = Mimic(master, float(factor), float(offset))
+            offset, factor, *higher = map(float, equality.data[:5])
+            if kind == "joint" and all(ends) and not any(higher):
+                if equality.active:
+                    found[ends[0]] = Mimic(ends[1], factor, offset)
                 continue
-            ends = (element.get(key) for key in ("joint1", "joint2", "body1", "body2"))
             between = ", ".join(filter(None, ends)) or "unnamed parts"
             said = (
-                f"<equality><{element.tag}> of {between} is not read: what it holds together moves freely, or is "
+                f"<equality><{kind}> of {between} is not read: what it holds together moves freely, or is "
                 "locked if it is none of the arm's joints"
             )
             self.unread.append(("", said))
@@ -831,122 +787,82 @@ class _MjcfReader(_Reader):
         """Limits and gains that actuators give joints.
 
         The limit of a torque is ``forcerange``, of plain motors ``ctrlrange`` too, times the gear. A ``position``
-        actuator commands gear kp (u - gear q) - gear^2 kv dq: kp and kd about the joint are gear^2 times its own; a
-        ``general`` one whose ``biastype`` is affine has kp and kd in ``biasprm`` [b0, -kp, -kd].
+        actuator commands gear kp (u - gear q) - gear^2 kv dq: kp and kd about the joint are gear^2 times its own; to
+        MuJoCo it is a ``general`` one whose ``biastype`` is affine, with ``biasprm`` [b0, -kp, -kd].
         """
         self._limits, self._gains = dict[str, float](), dict[str, tuple[float, ...]]()
-        for element in self.root.findall("actuator/*"):
-            name, tag = element.get("joint", ""), element.tag
-            place, bias = f"joint {name}", element.get("biastype", "none")
-
-            def first(
-                key: str,
-                default: float,
-                element: ET.Element = element,
-                place: str = place,
-            ) -> float:
-                """The first number of an attribute."""
-                return float(self.any(element, key, default, place)[0])
-
-            gear, limit = abs(first("gear", 1.0)), self._bound(element, "force", place)
+        for actuator in self.spec.actuators:
+            name, bias = actuator.target, _word(actuator.biastype)
+            if _word(actuator.trntype) != "joint":
+                continue
+            gear = abs(float(actuator.gear[0]))
+            limit = _bound(actuator.forcerange, actuator.forcelimited)
             # only of a plain motor the control is a torque
-            if tag in ("general", "motor") and bias == "none":
-                control = self._bound(element, "ctrl", place)
-                limit = min(limit, abs(first("gainprm", 1.0)) * control)
+            if bias == "none" and _word(actuator.gaintype) == "fixed":
+                control = _bound(actuator.ctrlrange, actuator.ctrllimited)
+                limit = min(limit, abs(float(actuator.gainprm[0])) * control)
             # of several actuators on a joint the lowest limit
             self._limits[name] = min(self._limits.get(name, np.inf), gear * limit)
-            own = None
-            if tag == "position":
-                own = (first("kp", 1.0), first("kv", 0.0))
-            elif tag == "velocity":
-                own = (0.0, first("kv", 1.0))
-            elif tag == "general" and bias == "affine":
-                given = self.any(element, "biasprm", 0.0, place)
-                _, kp, kd = -np.pad(given, (0, 3))[:3]
-                own = (float(kp), float(kd))
-            if own is not None:
+            if bias == "affine":
                 # through the gear to the actuator's length, and back to torque
-                self._gains[name] = tuple(gear**2 * gain for gain in own)
+                self._gains[name] = tuple(-(gear**2) * actuator.biasprm[1:3])
 
-    def _bound(self, element: ET.Element, of: str, place: str) -> float:
-        """What a range allows to either side; infinite if there is none."""
-        key = f"{of}range"
-        if key not in element.attrib or element.get(f"{of}limited") == "false":
-            return np.inf
-        # the smaller side: limits here have one size for both directions
-        return float(np.abs(self.several(element, key, (0.0, 0.0), place)).min())
-
-    def _visit(self, element: ET.Element, parent: str) -> None:
-        for body in element.findall("body"):
-            name = body.get("name") or f"{NAMELESS}_{len(self._links)}"
-            # names are written back, so that what follows finds the body by it
-            body.set("name", name)
-            if self.any(body, "gravcomp", 0.0, f"body {name}").any():
-                said = f"gravcomp of body {name} is not read: its weight is not held up"
-                self.unread.append(("", said))
-            self._body(body, name, parent)
-            self._visit(body, name)
-
-    def _body(self, body: ET.Element, name: str, parent: str) -> None:
-        place = self._place(body, f"body {name}")
-        own = [x for x in body if x.tag in ("joint", "freejoint")]
+    def _body(self, body: Any, links: list[Link], joints: list[Joint]) -> None:
+        """Add a body and its joints."""
+        name, parent, line = body.name, body.parent.name, _line(body)
+        if body.gravcomp:
+            said = f"gravcomp of body {name} is not read: its weight is not held up"
+            self.unread.append(("", said))
+        place = self._place(body)
+        own = list(body.joints)
         # joints of one body act one after the other, on links without anything between
-        for number, element in enumerate(own, 1):
+        for number, joint in enumerate(own, 1):
             child = name
             if number < len(own):
                 child = f"{name} after joint {number}"
-                self._links.append(Link(child, 0, None))
-            self._joints.append(self._joint(element, parent, child, place))
+                links.append(Link(child, 0, None))
+            joints.append(self._joint(joint, parent, child, place, line))
             parent, place = child, SE3.Identity()
         # a body without a joint is fixed to its parent
         if not own:
-            called, line = f"{name} (fixed)", self.lines[body]
-            fixed = Joint(
-                called, line, "fixed", parent, name, place, np.zeros(3), np.zeros(3)
-            )
-            self._joints.append(fixed)
+            called, zero = f"{name} (fixed)", np.zeros(3)
+            joints.append(Joint(called, line, "fixed", parent, name, place, zero, zero))
         # with inertiafromgeom the file's own inertials have no say
-        inertial = None if self._by_shape else body.find("inertial")
-        self._links.append(
-            Link(
-                name,
-                self.lines[body],
-                None if inertial is None else self._inertial(inertial, f"body {name}"),
-                tuple(
-                    self._shape(x, f"shape of body {name}")
-                    for x in body.findall("geom")
-                ),
-            )
-        )
+        by_shape = _word(self.spec.compiler.inertiafromgeom) == "true"
+        inertial = None
+        if body.explicitinertial and not by_shape:
+            inertial = self._inertial(body, line)
+        links.append(Link(name, line, inertial, tuple(map(self._shape, body.geoms))))
 
-    def _joint(self, element: ET.Element, parent: str, child: str, pose: SE3) -> Joint:
-        name = element.get("name", f"joint of {child}")
-        place, kind = f"joint {name}", element.get("type", "hinge")
-        kind = KINDS.get("free" if element.tag == "freejoint" else kind, kind)
-        limits = self.several(element, "range", (0.0, 0.0), place)
-        # a range counts if it is given, unless limited says that it does not
-        given = "range" in element.attrib and element.get("limited") != "false"
+    def _joint(
+        self, joint: Any, parent: str, child: str, pose: SE3, line: int
+    ) -> Joint:
+        name, kind = joint.name or f"joint of {child}", _word(joint.type)
+        kind = KINDS.get(kind, kind)
+        given = bool(np.any(joint.range)) and _word(joint.limited) != "false"
         # degrees are of angles alone
-        limits *= self._angle if kind == "revolute" else 1.0
-        lower, upper = limits.tolist() if given else (None, None)
-        limit = self._bound(element, "actuatorfrc", place)
+        degrees = kind == "revolute" and self.spec.compiler.degree
+        limits = np.deg2rad(joint.range) if degrees else joint.range
+        lower, upper = map(float, limits) if given else (None, None)
+        limit = _bound(joint.actfrcrange, joint.actfrclimited)
         limit = min(limit, self._limits.get(name, np.inf))
         # what pushes the joint and is not simulated is said, not passed over
-        if self.any(element, "stiffness", 0.0, place).any():
+        if np.any(joint.stiffness):
             said = (
-                f"the spring of {place} (stiffness {element.get('stiffness')}, springref "
-                f"{element.get('springref', '0')}) is not read; give it as the effect parallel_spring"
+                f"the spring of joint {name} (stiffness {joint.stiffness[0]:g}, springref {joint.springref:g}) is "
+                "not read; give it as the effect parallel_spring"
             )
             self.unread.append((name, said))
+        frame = self._frames(joint)
         return Joint(
             name,
-            self.lines[element],
+            _line(joint) or line,
             kind,
             parent,
             child,
             pose,
-            self.several(element, "axis", (0.0, 0.0, 1.0), place),
-            self.several(element, "pos", ZERO, place),
+            frame.rotation @ joint.axis,
+            frame.act(np.array(joint.pos)),
             not given,
             self._mimics.get(name),
             lower,
@@ -954,96 +870,281 @@ class _MjcfReader(_Reader):
             # a limit of zero stands for none
             limit if 0 < limit < np.inf else None,
             None,
-            self.one(element, "damping", place),
-            self.one(element, "frictionloss", place),
-            self.one(element, "armature", place),
-            self.one(element, "ref", place) or 0.0,
+            float(joint.damping[0]),
+            float(joint.frictionloss),
+            float(joint.armature),
+            float(joint.ref),
             self._gains.get(name, ()),
         )
 
-    def _inertial(self, element: ET.Element, place: str) -> Inertial:
-        pose, own = self._place(element, place), np.zeros((3, 3))
-        if element.get("mass") is None:
-            self.note(element, "", place, "mass")
-        if element.get("fullinertia") is not None:
-            six = self.several(element, "fullinertia", np.zeros(6), place)
+    def _inertial(self, body: Any, line: int) -> Inertial:
+        pose, own = self._pose(body.ipos, body.iquat, body.ialt), np.diag(body.inertia)
+        if not np.isnan(body.fullinertia[0]):
             # fullinertia is xx yy zz xy xz yz
-            own = moments_matrix(six[[0, 3, 4, 1, 5, 2]])
-        elif element.get("diaginertia") is not None:
-            own = np.diag(self.several(element, "diaginertia", ZERO, place))
-        else:
-            self.note(element, "", place, "diaginertia")
-        return self.inertial(element, pose, self.one(element, "mass", place), own)
+            own = moments_matrix(np.array(body.fullinertia)[[0, 3, 4, 1, 5, 2]])
+        elif not own.any():
+            raise InputError(
+                "has no diaginertia",
+                "give mass [kg] and inertia [kg m^2], or leave <inertial> out of a body that has no mass",
+                file=self.path,
+                where=f"line {line}, body {body.name}, <inertial>",
+            )
+        return inertial_of(line, pose, float(body.mass), own)
 
-    def _shape(self, element: ET.Element, place: str) -> Shape:
-        named = element.get("mesh", "")
-        kind = element.get("type", "mesh" if named else "sphere")
+    def _shape(self, geom: Any) -> Shape:
+        kind, mesh = _word(geom.type), self._meshes.get(geom.meshname)
+        # a primitive that is fitted to a mesh is as large as that
+        named, file = geom.meshname, None
         # shapes that touch nothing are there to be seen
-        contacts = {element.get("contype"), element.get("conaffinity")}
-        use = "visual" if contacts == {"0"} else "collision"
-        pose, mesh = self._place(element, place), None
-        if kind == "mesh":
-            asset = self._meshes.get(named)
-            size = tuple(self.several(asset, "scale", np.ones(3), place))
-            if asset is not None:
-                named = asset.get("file", "")
-                file = self._folder / named
-                mesh = file.resolve() if is_file(file) else None
-        else:
-            count = max(len(element.get("size", "").split()), 1)
-            size = tuple(self.several(element, "size", np.zeros(count), place))
-            if "fromto" in element.attrib:
-                ends = self.several(element, "fromto", np.zeros(6), place).reshape(2, 3)
-                # in the middle, with the z axis from the one end to the other
-                way = ends[1] - ends[0]
-                pose = SE3(turn_of_z(way), ends.mean(axis=0))
-                # half lengths of MJCF, as of all its sizes
-                size = size[0], float(np.linalg.norm(way)) / 2
-            size = _extent(kind, size)
-        mass, density = (self.one(element, key, place) for key in ("mass", "density"))
-        density = Shape.density if density is None else density
-        return Shape(use, kind, size, pose, named, mesh, None, mass, density)
+        use = "collision" if geom.contype or geom.conaffinity else "visual"
+        pose, half = self._place(geom), np.array(geom.size)
+        if not np.isnan(geom.fromto[0]):
+            ends = np.array(geom.fromto).reshape(2, 3)
+            # in the middle, with the z axis from the one end to the other
+            way = ends[1] - ends[0]
+            pose = self._frames(geom) * SE3(turn_of_z(way), ends.mean(axis=0))
+            half[1] = np.linalg.norm(way) / 2
+        size = [k * x for k, x in zip(FULL.get(kind, ()), half, strict=False)]
+        if kind == "mesh" and mesh is not None:
+            named, size = mesh.file, list(mesh.scale)
+            path = self.path.parent / self.spec.meshdir / named
+            file = path.resolve() if is_file(path) else None
+        extent = tuple(map(float, size)) if np.all(size) else ()
+        mass = None if np.isnan(geom.mass) else float(geom.mass)
+        density = float(geom.density)
+        return Shape(use, kind, extent, pose, named, file, None, mass, density)
 
-    def _place(self, element: ET.Element, place: str) -> SE3:
-        """Place by ``pos`` and the first attribute of ``TURNS``; a turn that is none is noted, or unity."""
-        position, turn = self.several(element, "pos", ZERO, place), np.eye(3)
-        key = next((key for key in TURNS if key in element.attrib), "")
-        given = self.several(element, key, TURNS.get(key, ZERO), place)
-        if key == "quat" and not given.any():
-            self.note(element, "quat", place, "a quaternion other than zero")
-        elif key == "quat":
+    def _place(self, element: Any) -> SE3:
+        """Place of an element in its body."""
+        return self._frames(element) * self._pose(
+            element.pos, element.quat, element.alt
+        )
+
+    def _frames(self, element: Any) -> SE3:
+        """Place of the frames around an element in its body."""
+        place, frame = SE3.Identity(), element.frame
+        while frame is not None:
+            place = self._pose(frame.pos, frame.quat, frame.alt) * place
+            frame = frame.frame
+        return place
+
+    def _pose(self, position: Any, quaternion: Any, other: Any) -> SE3:
+        """Place by a position and a turn, given as a quaternion or in another way; unity of a turn that is none."""
+        if _word(other.type) != "quat":
+            compiler = self.spec.compiler
+            quaternion = self.spec.resolve_orientation(
+                degree=compiler.degree, sequence=compiler.eulerseq, orientation=other
+            )
+        turn = np.eye(3)
+        if np.any(quaternion):
             # w x y z of MJCF, x y z w of SciPy
-            turn = Rotation.from_quat(np.roll(given, -1)).as_matrix()
-        elif key == "euler":
-            # axes in lower case turn with the body, in upper case they stay: SciPy has it the other way round
-            angles, axes = given * self._angle, self._euler.swapcase()
-            turn = Rotation.from_euler(axes, angles).as_matrix()
-        elif key == "axisangle":
-            turn = exp3(_unit(given[:3]) * given[3] * self._angle)
-        elif key == "xyaxes":
-            x = _unit(given[:3])
-            # the second axis made normal to the first, as MuJoCo does
-            y = _unit(given[3:] - (x @ given[3:]) * x)
-            turn = np.column_stack([x, y, np.cross(x, y)])
-        elif key == "zaxis":
-            turn = turn_of_z(given)
-        return SE3(turn, position)
+            turn = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
+        return SE3(turn, np.array(position))
 
 
-def _unit(vector: np.ndarray) -> np.ndarray:
-    """A vector of length one, or none if it is none."""
-    return np.asarray(vector / (np.linalg.norm(vector) or 1.0))
+def _overflows(text: str) -> bool:
+    """Whether an attribute has numbers of which one is none, or too large to compute with."""
+    with suppress(ValueError):
+        numbers = np.array(text.split(), dtype=float)
+        return not (np.abs(numbers) < LARGEST_NUMBER).all()
+    return False
 
 
-def _extent(kind: str, size: tuple[float, ...]) -> tuple[float, ...]:
-    """Full size of a primitive from the half lengths of MJCF; empty if it is of no known size."""
-    factors = {
-        "box": (2, 2, 2),
-        "cylinder": (1, 2),
-        "capsule": (1, 2),
-        "sphere": (1,),
-        "ellipsoid": (1, 1, 1),
-    }.get(kind, ())
-    if len(size) < len(factors):
-        return ()
-    return tuple(k * x for k, x in zip(factors, size, strict=False))
+def _word(member: Any) -> str:
+    """The word of MJCF for a member of an enumeration of MuJoCo, ``mjJNT_HINGE``."""
+    return str(member.name).rpartition("_")[2].lower()
+
+
+def _line(element: Any) -> int:
+    """Line of an element that MuJoCo has read; 0 if it does not say."""
+    return int(element.info.rpartition(" ")[2] or 0)
+
+
+def _bound(allowed: Any, limited: Any) -> float:
+    """What a range allows to either side; infinite if there is none."""
+    # the smaller side: limits here have one size for both directions
+    bound = float(np.abs(allowed).min())
+    return np.inf if _word(limited) == "false" or not np.any(allowed) else bound
+
+
+# --- whether what concerns an arm can be
+
+UNWEIGHED = ("mesh", "plane", "hfield", "sdf")
+"""Shapes whose mass is not known here."""
+
+
+def checked(description: Description, joints: Collection[str] = ()) -> Description:
+    """What of a file concerns an arm, checked; impossible inertials of links that do not move with it are left out.
+
+    Args:
+        description: of the file.
+        joints: the arm's; by default none, and all of the file's tree is checked.
+
+    Raises:
+        InputError: a number is none, the joints are no tree, or a body that moves is none that can be.
+    """
+    path, moved = description.file, description.moved(joints)
+    links = description.around(joints)
+    # of the whole file if no arm is named, else of what concerns it
+    used = tuple(j for j in description.joints if not joints or j.child in links)
+    names = {f"joint {joint.name}": joint.name for joint in used}
+    for found in description.unreadable:
+        name = names.get(found.place)
+        # the limits of a joint that is locked have no say
+        idle = joints and name not in joints and found.element.startswith("<limit")
+        if name is not None and not idle:
+            raise found.error(path)
+    bases = [x.name for x in description.links if x.name not in description.above]
+    # of an arm named by its joints other bases of the file do not matter
+    _check_tree(description, used, () if joints else bases)
+    for joint in used:
+        where = f"line {joint.line}, joint {joint.name}"
+        check_size(joint.place.translation, "length", path, where)
+        if joint.kind in SINGLE and not np.linalg.norm(joint.axis) > 0:
+            raise InputError(
+                "its axis has no direction, so that it moves nothing",
+                'correct <axis xyz="...">, or axis of an MJCF file',
+                file=path,
+                where=where,
+            )
+        for name in ("effort", "velocity", "friction"):
+            limit = getattr(joint, name)
+            if limit is not None and limit < 0:
+                raise InputError(
+                    f"its {name} is {limit:g}, expected zero or above",
+                    "correct the attribute, or leave it out",
+                    file=path,
+                    where=where,
+                )
+        if joint.name in joints and joint.reference:
+            raise InputError(
+                f"ref is {joint.reference:g}, expected 0: positions count from the pose that the file draws",
+                "leave ref out and turn the body by it, or move the recorded positions",
+                file=path,
+                where=f"joint {joint.name}",
+            )
+    faults = inertial_faults(description)
+    for name, fault in faults.items():
+        if name in moved:
+            raise fault
+    # those that stand still may have any inertial: it is left out
+    kept = [
+        replace(link, inertial=None) if link.name in faults else link
+        for link in description.links
+    ]
+    return replace(description, links=tuple(kept), joints=used)
+
+
+def inertial_faults(description: Description) -> dict[str, InputError]:
+    """What is wrong with inertials that no body can have, by the name of the link.
+
+    A number is missing or none, a mass or a principal moment is negative, a body without inertial has no known weight.
+    """
+    faults = {}
+    tag = "link" if description.form == "URDF" else "body"
+    unreadable = {one.place: one for one in description.unreadable}
+    for link in description.links:
+        found = unreadable.get(f"link {link.name}")
+        try:
+            if found is not None:
+                raise found.error(description.file)
+            if link.inertial is not None:
+                where = f"line {link.inertial.line}, {tag} {link.name}, <inertial>"
+                _check_inertial(link.inertial, description.file, where)
+            elif description.form == "MJCF" and any(
+                joint.kind in SINGLE for joint in description.upwards(link.name)
+            ):
+                # a shape whose mass is not known here
+                bad = next(
+                    (s for s in link.drawn if s.kind in UNWEIGHED or s.named), None
+                )
+                if bad is None:
+                    continue
+                raise InputError(
+                    f"has no <inertial>, and its mass cannot be taken from the shape {bad.named or bad.kind}",
+                    'give it one; MuJoCo\'s mj_saveLastXML writes it after <compiler saveinertial="true"/>',
+                    file=description.file,
+                    where=f"line {link.line}, body {link.name}",
+                )
+        except InputError as error:
+            faults[link.name] = error
+    return faults
+
+
+def _check_inertial(inertial: Inertial, path: Path, where: str) -> None:
+    if inertial.mass < 0:
+        raise InputError(
+            f"mass is {inertial.mass:g} kg, expected zero or above",
+            "correct its value",
+            file=path,
+            where=where,
+        )
+    check_size(inertial.mass, "mass", path, where)
+    check_size(inertial.moments, "moment of inertia", path, where)
+    check_size(inertial.com, "length", path, where)
+    moments = np.linalg.eigvalsh(inertial.moments)
+    # a negative moment within rounding of the largest one, or of a conversion
+    if moments[0] < -max(1e-6 * abs(moments[2]), np.finfo(float).eps):
+        raise InputError(
+            f"it has the principal moments {listed(moments)} kg m^2, expected none below zero",
+            "correct the moments: they are about the centre of mass, in the axes of the inertial's frame",
+            file=path,
+            where=where,
+        )
+
+
+def listed(moments: np.ndarray) -> str:
+    """Principal moments as text [kg m^2], shape (3,)."""
+    return ", ".join(f"{moment:.4g}" for moment in moments)
+
+
+def tree_faults(
+    description: Description, joints: Sequence[Joint]
+) -> Iterator[tuple[str, Joint, str]]:
+    """What keeps joints from holding links of the file in one tree: a word for it, the joint, and the problem."""
+    held = Counter(joint.child for joint in joints)
+    names = Counter(joint.name for joint in joints)
+    known = Counter(link.name for link in description.links)
+    for joint in joints:
+        # each end once in the file, or the joint hangs nowhere
+        odd = [end for end in (joint.parent, joint.child) if known[end] != 1]
+        # the way up ends at the base, or goes round
+        *_, top = description.upwards(joint.child)
+        if odd and not known[odd[0]]:
+            said = f"names the link {odd[0]!r}, which the file does not have"
+            yield "no_such_link", joint, said
+        elif odd:
+            said = f"names the link {odd[0]!r}, of which the file has {known[odd[0]]}"
+            yield "same_name", joint, said
+        elif held[joint.child] > 1:
+            yield (
+                "held_twice",
+                joint,
+                f"holds the link {joint.child}, and so do others",
+            )
+        elif joint.moves and (not joint.name or names[joint.name] > 1):
+            yield "same_name", joint, "needs a name of its own"
+        elif top.parent in description.above:
+            yield "loop", joint, f"its joints close a loop at the link {joint.child!r}"
+
+
+def _check_tree(
+    description: Description, joints: Sequence[Joint], bases: Sequence[str]
+) -> None:
+    """Check that joints hold links of the file in one tree, and that there is no other base."""
+    for _, joint, problem in tree_faults(description, joints):
+        raise InputError(
+            problem,
+            "correct the file: the links of an arm hang on one base, one joint above each; or name the arm in "
+            "chain: or joints: of the case, and what does not concern it is not read",
+            file=description.file,
+            where=f"line {joint.line}, joint {joint.name}",
+        )
+    tops = ([*description.upwards(joint.child)][-1].parent for joint in joints)
+    roots = dict.fromkeys([*bases, *tops])
+    if len(roots) > 1:
+        raise InputError(
+            f"has several bases: {', '.join(roots)}",
+            "name the arm in chain: or joints: of the case, and what does not concern it is not read",
+            file=description.file,
+        )

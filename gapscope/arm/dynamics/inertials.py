@@ -8,10 +8,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.description import MOMENTS, Inertial
+from gapscope.arm.dynamics.description import MOMENTS, Inertial, listed
 from gapscope.arm.dynamics.plain_urdf import numbers
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import listed
 from gapscope.arm.known_load import UPPER
 
 

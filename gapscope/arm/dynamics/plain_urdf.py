@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import UNLIMITED, listed
+from gapscope.arm.dynamics.description import listed
+from gapscope.arm.dynamics.rigid_body import UNLIMITED, RigidBody
 from gapscope.arm.errors import InputError
 
 POSTURES = 12

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from hashlib import blake2b
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.robot_file import UNLIMITED, arm_model
+from gapscope.arm.dynamics.description import (
+    SINGLE,
+    Joint,
+    Shape,
+    checked,
+    read_description,
+)
+from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import LARGEST, NominalArm
 
 # Results of recent calls, kept while they fit.
 
@@ -65,6 +73,9 @@ class ArrayCache:
             self._bytes -= sum(array.nbytes for array in oldest)
         return result
 
+
+UNLIMITED = LARGEST["length"][0]
+"""Position limits beyond this [rad or m] are none."""
 
 INERTIAL_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Order of the ten inertial parameters of a link, expressed in the frame of the joint that moves it (pinocchio)."""
@@ -360,3 +371,109 @@ def rnea_derivatives(
 def _finite(limits: np.ndarray) -> np.ndarray:
     """Limits with 0 for those that are none."""
     return np.where(np.isfinite(limits), limits, 0.0)
+
+
+# The bodies and joints of a robot file as pinocchio has them, all other joints locked.
+
+
+def arm_model(
+    path: Path,
+    joints: Sequence[str],
+    gravity: Sequence[float] | np.ndarray,
+    locked: Mapping[str, float] | None = None,
+) -> pin.Model:
+    """Model of some joints of a file, without armature, under a gravity [m/s^2].
+
+    Args:
+        path: URDF or MJCF file.
+        joints: those that move.
+        gravity: in the base frame [m/s^2], shape (3,).
+        locked: positions of other joints [rad or m]; those that are not named are locked at zero.
+
+    Raises:
+        InputError: the file lacks one of the joints, or what concerns them is no arm that can be.
+    """
+    description = checked(read_description(path, shapes=False), joints)
+    missing = [name for name in joints if name not in description.single]
+    if missing:
+        raise InputError(
+            f"has no movable joint {', '.join(missing)}; it has {', '.join(description.single)}",
+            "name the joints of the recording's columns in joints:, or give the URDF of the recorded arm",
+            file=path,
+        )
+    model, positions = pin.Model(), locked or {}
+    held = {joint.child for joint in description.joints}
+    bases = [joint.parent for joint in description.joints if joint.parent not in held]
+    # link by link from the base on, each with the joint above it and the body and place that carry this joint
+    waiting: list[tuple[Joint | None, str, int, pin.SE3]]
+    waiting = [(None, base, 0, pin.SE3.Identity()) for base in bases[:1]]
+    while waiting:
+        joint, name, body, place = waiting.pop()
+        if joint is not None:
+            # a joint turns about its anchor: there and, behind the joint, back
+            place = place * joint.place * pin.SE3(np.eye(3), joint.anchor)
+            if joint.name in joints:
+                body, place = _add_joint(model, joint, body, place), pin.SE3.Identity()
+            # a joint that is locked elsewhere than at zero moves what it carries once
+            elif joint.kind in SINGLE and positions.get(joint.name):
+                at = positions[joint.name]
+                place = place * joint_motion(joint.kind, joint.axis, at)
+            place = place * pin.SE3(np.eye(3), -joint.anchor)
+        link = description.by_name[name]
+        if (own := link.inertial) is not None:
+            inertia = pin.Inertia(own.mass, own.com, own.moments)
+            model.appendBodyToJoint(body, inertia, place)
+        # the base has no body: what is fixed to it carries nothing that moves
+        elif body and link.drawn and description.form == "MJCF":
+            for shape in link.shapes:
+                model.appendBodyToJoint(body, _weighed(shape), place)
+        # links between several joints of one body are in no file
+        if link.line:
+            model.addFrame(pin.Frame(link.name, body, place, pin.FrameType.BODY), False)
+        # reversed onto the stack: the first joint is taken first
+        for below in reversed(description.below(name)):
+            waiting.append((below, below.child, body, place))
+    model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
+    return model
+
+
+def joint_motion(kind: str, axis: np.ndarray, position: float) -> pin.SE3:
+    """Motion of what a joint of a kind carries, along an axis of any length, (3,), to a position [rad or m]."""
+    moved = axis / np.linalg.norm(axis) * position
+    if kind == "prismatic":
+        return pin.SE3(np.eye(3), moved)
+    return pin.SE3(pin.exp3(moved), np.zeros(3))
+
+
+def _add_joint(model: pin.Model, joint: Joint, body: int, place: pin.SE3) -> int:
+    """Add a joint that moves; the number of the body that it carries."""
+    axis = joint.axis / np.linalg.norm(joint.axis)
+    aligned = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
+    free = pin.JointModelRevoluteUnaligned
+    if joint.kind == "prismatic":
+        aligned = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
+        free = pin.JointModelPrismaticUnaligned
+    # axes along x, y or z have joints of their own, which compute faster
+    motion = aligned[axis.argmax()]() if axis.max() == 1.0 else free(axis)
+    lower, upper = joint.lower or 0.0, joint.upper or 0.0
+    # a range without width means none, whatever it was meant for
+    if joint.turns_freely or lower >= upper:
+        lower, upper = -np.inf, np.inf
+    bounds = np.array([joint.effort or 0.0, joint.velocity or 0.0, lower, upper])
+    return int(model.addJoint(body, motion, place, joint.name, *bounds[:, None]))
+
+
+def _weighed(shape: Shape) -> pin.Inertia:
+    """Inertia of a homogeneous shape in its link's frame."""
+    a, rest = shape.size[0], float(np.prod(shape.size[1:]))
+    ball, disc = 4 / 3 * np.pi * a**3, np.pi * a**2
+    make, volume = {
+        "box": (pin.Inertia.FromBox, a * rest),
+        "sphere": (pin.Inertia.FromSphere, ball),
+        "ellipsoid": (pin.Inertia.FromEllipsoid, 4 / 3 * np.pi * a * rest),
+        "cylinder": (pin.Inertia.FromCylinder, disc * rest),
+        "capsule": (pin.Inertia.FromCapsule, ball + disc * rest),
+    }[shape.kind]
+    # MJCF may give a shape its mass, else it has a density
+    mass = shape.density * volume if shape.mass is None else shape.mass
+    return shape.place.act(make(float(mass), *shape.size))

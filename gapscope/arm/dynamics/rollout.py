@@ -73,32 +73,9 @@ UNSTABLE_SPEED = 50.0
 LONGEST_STEP = 1e-3
 """The time step is the controller's period, divided until it is no longer than this [s]."""
 
-
-@dataclass(frozen=True)
-class Plant:
-    """What a roll-out moves, n joints in the arm's order.
-
-    Attributes:
-        inertial: parameters of the links, shape (n, 10), in the order of
-            ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
-        armature: I [kg m^2], shape (n,).
-        viscous: b [N m s/rad], shape (n,).
-        coulomb: c [N m], shape (n,).
-        offset: o, what reaches the joint beyond the commanded torque [N m], shape (n,).
-    """
-
-    inertial: np.ndarray
-    armature: np.ndarray
-    viscous: np.ndarray
-    coulomb: np.ndarray
-    offset: np.ndarray
-
-    @classmethod
-    def of(cls, vector: np.ndarray) -> Plant:
-        """From one vector of 14 n numbers: the links', then armature, viscous, coulomb, offset, joint by joint."""
-        n = len(vector) // 14
-        links = vector[: 10 * n].reshape(n, 10)
-        return cls(links, *vector[10 * n :].reshape(4, n))
+# What is moved is one vector of 14 n numbers: the ten inertial parameters of each link, in the order of
+# ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``, then joint by joint the rotors' inertia I [kg m^2], viscous
+# friction b [N m s/rad], Coulomb friction c [N m] and the offset o [N m], what reaches the joint beyond the command.
 
 
 @dataclass(frozen=True)
@@ -137,11 +114,11 @@ class RollOut:
 
 
 class Stepper:
-    """Steps of a plant in R states at once; positions, velocities, torques of shape (R, n) in kinematic order.
+    """Steps of an arm in R states at once; positions, velocities, torques of shape (R, n) in kinematic order.
 
     Args:
-        body: rigid bodies of the arm; its inertias are replaced by the plant's.
-        plant: what moves.
+        body: rigid bodies of the arm; its inertias are replaced.
+        parameters: what moves, (14 n,).
         dt: time step h [s].
         states: R.
 
@@ -151,37 +128,33 @@ class Stepper:
     """
 
     def __init__(
-        self, body: RigidBody, plant: Plant, dt: float, states: int = 1
+        self, body: RigidBody, parameters: np.ndarray, dt: float, states: int = 1
     ) -> None:
         self.order = body.order
         self.smoothing = FRICTION_SMOOTHING * body.per_radian[self.order]
         self.dt = dt
-        self._links = plant.inertial.copy()
+        self._links = parameters[: 10 * body.n_joints].reshape(-1, 10).copy()
         nominal = body.inertial_parameters().reshape(-1, 10)
-        self._moved = body.changed(plant.inertial - nominal)
-        rotors = plant.armature[self.order]
+        self._moved = body.changed(self._links - nominal)
         # rotors hold the slope of friction, of each state its own: a model for each
-        self._forward = [ForwardDynamics(self._moved, rotors) for _ in range(states)]
-        self.set_drives(plant)
+        without = np.zeros(body.n_joints)
+        self._forward = [ForwardDynamics(self._moved, without) for _ in range(states)]
+        self.set_parameters(parameters)
 
-    def set_plant(self, plant: Plant) -> None:
-        """Take another plant."""
+    def set_parameters(self, parameters: np.ndarray) -> None:
+        """Take other parameters, (14 n,)."""
+        count = self._links.size
+        links, drives = parameters[:count].reshape(-1, 10), parameters[count:]
         for place, link in enumerate(self.order):
-            parameters = plant.inertial[link]
             # a Jacobian changes one link at a time: the others are left as they are
-            if np.array_equal(parameters, self._links[link]):
+            if np.array_equal(links[link], self._links[link]):
                 continue
             for forward in self._forward:
-                forward.set_link(place, parameters)
-            self._links[link] = parameters
-        self.set_drives(plant)
-
-    def set_drives(self, plant: Plant) -> None:
-        """Take rotors, friction and offset of a plant, not its links."""
-        drives = (plant.armature, plant.viscous, plant.coulomb, plant.offset)
-        self._armature, self._viscous, self._coulomb, self._offset = (
-            x[self.order] for x in drives
-        )
+                forward.set_link(place, links[link])
+            self._links[link] = links[link]
+        self._armature, self._viscous, self._coulomb, self._offset = drives.reshape(
+            4, -1
+        )[:, self.order]
 
     def friction(self, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Friction b v + c tanh(v / v0) [N m], and the slope b + s [N m s/rad]; shape (R, n) each."""
@@ -226,75 +199,9 @@ def steps_per_tick(controller: Controller) -> int:
     return max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
 
 
-def roll_outs(
-    body: RigidBody,
-    plant: Plant,
-    controller: PD,
-    commands: Sequence[Commands],
-    limit: np.ndarray | None = None,
-    starts: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
-    rule: str = "bilinear",
-) -> tuple[RollOut, ...]:
-    """Roll the closed loop out under several series of commands at once; the last command of a shorter one is held.
-
-    At each tick tau = feedforward + kp (q_ref - q) + kd (dq_ref - dq), clipped, and held until the next.
-
-    Args:
-        body: rigid bodies of the nominal arm.
-        plant: what moves.
-        controller: in the arm's joint order.
-        commands: at the controller's ticks.
-        limit: of the torque [N m], shape (n,), or ``None``.
-        starts: position [rad] and velocity [rad/s], each of shape (n,); the references' by default.
-        rule: how the controller discretises its velocity filter, one of ``gapscope.arm.velocity_filter.RULES``.
-
-    Raises:
-        GapscopeError: the arm diverged.
-    """
-    steps = steps_per_tick(controller)
-    stepper = Stepper(body, plant, 1.0 / (controller.rate * steps), len(commands))
-    order, places = body.order, body.places
-    q_ref, dq_ref, feedforward = (
-        together([getattr(c, name) for c in commands]) for name in ("q", "dq", "torque")
-    )
-    start, start_speed = q_ref[0], dq_ref[0]
-    if starts is not None:
-        start, start_speed = np.array(starts).swapaxes(0, 1)
-    velocity = VelocityFilter(
-        *controller.estimate,
-        start,
-        start_speed,
-        rule,
-    )
-    bound = np.inf if limit is None else limit
-    q, dq = start[:, order], start_speed[:, order]
-    positions, filtered, torques, speeds = (np.empty_like(q_ref) for _ in range(4))
-    for i in range(len(q_ref)):
-        positions[i] = encoder = q[:, places]
-        speeds[i] = dq[:, places]
-        filtered[i] = estimate = velocity(encoder)
-        stiff = controller.kp * (q_ref[i] - encoder)
-        damping = controller.kd * (dq_ref[i] - estimate)
-        torque = feedforward[i] + stiff + damping
-        torques[i] = torque = np.minimum(np.maximum(torque, -bound), bound)
-        held = torque[:, order]
-        # the law acts at ticks, the bodies move in steps within
-        for _ in range(steps):
-            q, dq = stepper(q, dq, held)
-        # written so that a speed that is not a number counts as too fast
-        if not np.abs(dq).max() < UNSTABLE_SPEED:
-            row, joint = np.argwhere(~(np.abs(dq[:, places]) < UNSTABLE_SPEED))[0]
-            t = commands[row].t[0] + i / controller.rate
-            raise GapscopeError(
-                f"the rolled out arm diverged at joint {joint + 1}, at t = {t:.3g} s",
-                "check (a) the controller's gains and units, (b) that the parameters make a positive mass matrix, "
-                "(c) that reference and recording belong together",
-            )
-    found = (positions, filtered, torques, speeds)
-    return tuple(
-        RollOut(c.t, *(series[: len(c.t), k] for series in found))
-        for k, c in enumerate(commands)
-    )
+def ticks_per_step(controller: PD) -> int:
+    """Ticks of the controller that one step of the derivative spans."""
+    return max(1, int(controller.rate * LONGEST_STEP + 1e-9))
 
 
 def together(series: Sequence[np.ndarray]) -> np.ndarray:
@@ -319,81 +226,154 @@ def together(series: Sequence[np.ndarray]) -> np.ndarray:
 # that length: a derivative needs no finer one.
 
 
-def ticks_per_step(controller: PD) -> int:
-    """Ticks of the controller that one step of the derivative spans."""
-    return max(1, int(controller.rate * LONGEST_STEP + 1e-9))
+@dataclass(frozen=True)
+class ClosedLoop:
+    """An arm under its PD controller, n joints.
 
-
-def sensitivity(
-    body: RigidBody,
-    plant: Plant,
-    controller: PD,
-    rolled: Sequence[RollOut],
-    directions: np.ndarray,
-    limit: np.ndarray | None = None,
-    rule: str = "bilinear",
-) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """Derivatives of position [rad] and torque [N m] of roll-outs along b directions, for each of them.
-
-    The starts do not depend on the parameters. Rows are those ticks of the roll-out that begin a step, K' of them, one
-    of ``ticks_per_step``; each derivative has shape (K', n, b).
-
-    Args:
+    Attributes:
         body: rigid bodies of the nominal arm.
-        plant: what moved.
         controller: in the arm's joint order.
-        rolled: the roll-outs.
-        directions: of the 14 n parameters, in the order of ``Plant.of``, shape (14 n, b).
         limit: of the torque [N m], shape (n,), or ``None``.
-        rule: of the velocity filter.
+        rule: how the controller discretises its velocity filter, one of ``gapscope.arm.velocity_filter.RULES``.
     """
-    every = ticks_per_step(controller)
-    steps = steps_per_tick(controller)
-    rate = controller.rate / every
-    dt, states = 1.0 / (rate * steps), len(rolled)
-    stepper = _TangentStepper(body, plant, directions, dt, states)
-    order, places = body.order, body.places
-    q, speed, tau = (
-        together([getattr(r, name)[::every] for r in rolled])
-        for name in ("q", "speed", "tau")
-    )
-    # a torque at its limit depends on nothing
-    unlimited = np.ones_like(tau)
-    if limit is not None:
-        unlimited = (np.abs(tau) < limit).astype(float)
-    # the starts do not depend on the parameters
-    at_rest = np.zeros((*q.shape[1:], directions.shape[1]))
-    velocity = VelocityFilter(
-        rate,
-        controller.velocity_cutoff,
-        controller.velocity_damping,
-        at_rest,
-        at_rest,
-        rule,
-    )
-    kp, kd = controller.kp[:, None], controller.kd[:, None]
-    position_along = np.empty((*q.shape, directions.shape[1]))
-    torque_along = np.empty_like(position_along)
-    q_along, dq_along = at_rest, at_rest
-    for i in range(len(q)):
-        encoder_along = q_along[:, places]
-        # the commands do not depend on the parameters: feedback alone is left
-        feedback = kp * encoder_along + kd * velocity(encoder_along)
-        command_along = -unlimited[i][..., None] * feedback
-        position_along[i] = encoder_along
-        torque_along[i] = command_along
-        # linearised about the roll-out's own state, so that errors do not add up
-        q_now, dq_now = q[i][:, order], speed[i][:, order]
-        held, held_along = tau[i][:, order], command_along[:, order]
-        for _ in range(steps):
-            q_now, dq_now, q_along, dq_along = stepper.tangent(
-                q_now, dq_now, held, q_along, dq_along, held_along
-            )
-    lengths = [len(r.t[::every]) for r in rolled]
-    return tuple(
-        (position_along[:length, k], torque_along[:length, k])
-        for k, length in enumerate(lengths)
-    )
+
+    body: RigidBody
+    controller: PD
+    limit: np.ndarray | None = None
+    rule: str = "bilinear"
+
+    def roll_outs(
+        self,
+        parameters: np.ndarray,
+        commands: Sequence[Commands],
+        starts: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
+    ) -> tuple[RollOut, ...]:
+        """Roll the loop out under several series of commands at once; the last command of a shorter one is held.
+
+        At each tick tau = feedforward + kp (q_ref - q) + kd (dq_ref - dq), clipped, and held until the next.
+
+        Args:
+            parameters: what moves, (14 n,).
+            commands: at the controller's ticks.
+            starts: position [rad] and velocity [rad/s], each of shape (n,); the references' by default.
+
+        Raises:
+            GapscopeError: the arm diverged.
+        """
+        controller, steps = self.controller, steps_per_tick(self.controller)
+        dt = 1.0 / (controller.rate * steps)
+        stepper = Stepper(self.body, parameters, dt, len(commands))
+        order, places = self.body.order, self.body.places
+        q_ref, dq_ref, feedforward = (
+            together([getattr(c, name) for c in commands])
+            for name in ("q", "dq", "torque")
+        )
+        start, start_speed = q_ref[0], dq_ref[0]
+        if starts is not None:
+            start, start_speed = np.array(starts).swapaxes(0, 1)
+        velocity = VelocityFilter(
+            *controller.estimate,
+            start,
+            start_speed,
+            self.rule,
+        )
+        bound = np.inf if self.limit is None else self.limit
+        q, dq = start[:, order], start_speed[:, order]
+        positions, filtered, torques, speeds = (np.empty_like(q_ref) for _ in range(4))
+        for i in range(len(q_ref)):
+            positions[i] = encoder = q[:, places]
+            speeds[i] = dq[:, places]
+            filtered[i] = estimate = velocity(encoder)
+            stiff = controller.kp * (q_ref[i] - encoder)
+            damping = controller.kd * (dq_ref[i] - estimate)
+            torque = feedforward[i] + stiff + damping
+            torques[i] = torque = np.minimum(np.maximum(torque, -bound), bound)
+            held = torque[:, order]
+            # the law acts at ticks, the bodies move in steps within
+            for _ in range(steps):
+                q, dq = stepper(q, dq, held)
+            # written so that a speed that is not a number counts as too fast
+            if not np.abs(dq).max() < UNSTABLE_SPEED:
+                row, joint = np.argwhere(~(np.abs(dq[:, places]) < UNSTABLE_SPEED))[0]
+                t = commands[row].t[0] + i / controller.rate
+                raise GapscopeError(
+                    f"the rolled out arm diverged at joint {joint + 1}, at t = {t:.3g} s",
+                    "check (a) the controller's gains and units, (b) that the parameters make a positive mass matrix, "
+                    "(c) that reference and recording belong together",
+                )
+        found = (positions, filtered, torques, speeds)
+        return tuple(
+            RollOut(c.t, *(series[: len(c.t), k] for series in found))
+            for k, c in enumerate(commands)
+        )
+
+    def sensitivities(
+        self,
+        parameters: np.ndarray,
+        rolled: Sequence[RollOut],
+        directions: np.ndarray,
+    ) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Derivatives of position [rad] and torque [N m] of roll-outs along b directions, for each of them.
+
+        The starts do not depend on the parameters. Rows are those ticks of the roll-out that begin a step, K' of them,
+        one of ``ticks_per_step``; each derivative has shape (K', n, b).
+
+        Args:
+            parameters: what moved, (14 n,).
+            rolled: the roll-outs.
+            directions: of the parameters, shape (14 n, b).
+        """
+        controller = self.controller
+        every, steps = ticks_per_step(controller), steps_per_tick(controller)
+        rate = controller.rate / every
+        dt, states = 1.0 / (rate * steps), len(rolled)
+        stepper = _TangentStepper(self.body, parameters, directions, dt, states)
+        order, places = self.body.order, self.body.places
+        q, speed, tau = (
+            together([getattr(r, name)[::every] for r in rolled])
+            for name in ("q", "speed", "tau")
+        )
+        # a torque at its limit depends on nothing
+        unlimited = np.ones_like(tau)
+        if self.limit is not None:
+            unlimited = (np.abs(tau) < self.limit).astype(float)
+        # the starts do not depend on the parameters
+        at_rest = np.zeros((*q.shape[1:], directions.shape[1]))
+        velocity = VelocityFilter(
+            rate,
+            controller.velocity_cutoff,
+            controller.velocity_damping,
+            at_rest,
+            at_rest,
+            self.rule,
+        )
+        kp, kd = controller.kp[:, None], controller.kd[:, None]
+        position_along = np.empty((*q.shape, directions.shape[1]))
+        torque_along = np.empty_like(position_along)
+        q_along, dq_along = at_rest, at_rest
+        for i in range(len(q)):
+            encoder_along = q_along[:, places]
+            # the commands do not depend on the parameters: feedback alone is left
+            feedback = kp * encoder_along + kd * velocity(encoder_along)
+            command_along = -unlimited[i][..., None] * feedback
+            position_along[i] = encoder_along
+            torque_along[i] = command_along
+            # linearised about the roll-out's own state, so that errors do not add up
+            q_now, dq_now = q[i][:, order], speed[i][:, order]
+            held, held_along = tau[i][:, order], command_along[:, order]
+            for _ in range(steps):
+                q_now, dq_now, q_along, dq_along = stepper.tangent(
+                    (q_now, dq_now), held, (q_along, dq_along), held_along
+                )
+        lengths = [len(r.t[::every]) for r in rolled]
+        return tuple(
+            (position_along[:length, k], torque_along[:length, k])
+            for k, length in enumerate(lengths)
+        )
+
+
+Pair = tuple[np.ndarray, np.ndarray]
+"""Position and velocity, or their derivatives."""
 
 
 class _TangentStepper(Stepper):
@@ -402,13 +382,13 @@ class _TangentStepper(Stepper):
     def __init__(
         self,
         body: RigidBody,
-        plant: Plant,
+        parameters: np.ndarray,
         directions: np.ndarray,
         dt: float,
         states: int,
     ) -> None:
-        super().__init__(body, plant, dt, states)
-        n, b = len(plant.armature), directions.shape[1]
+        super().__init__(body, parameters, dt, states)
+        n, b = body.n_joints, directions.shape[1]
         self._model = self._moved.model
         self._data = self._model.createData()
         links = directions[: 10 * n].reshape(n, 10, b)
@@ -420,14 +400,13 @@ class _TangentStepper(Stepper):
 
     def tangent(
         self,
-        q: np.ndarray,
-        dq: np.ndarray,
+        state: Pair,
         torque: np.ndarray,
-        q_along: np.ndarray,
-        dq_along: np.ndarray,
+        along: Pair,
         torque_along: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """States after the step, and their derivatives."""
+        """States after the step, and their derivatives, by position and velocity before it."""
+        (q, dq), (q_along, dq_along) = state, along
         h, half = self.dt, 0.5 * self.dt
         armature, viscous, coulomb, offset = self._drives_along
         q_middle = q + half * dq

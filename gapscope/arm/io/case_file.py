@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from gapscope.arm.input_file import is_file, is_folder, read_text, real_path
 from gapscope.arm.io.formats.lerobot import dataset_files, is_dataset
 from gapscope.arm.io.json_file import LARGEST_WHOLE, field, plain, schema_fault
 from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.nearest_name import nearest
 
 # The text of a case file: YAML checked against ``case.schema.json``, faults reported in plain sentences.
 
@@ -210,11 +210,9 @@ def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, s
         known = list(schema["properties"])
         # one key at a time: the first that is unknown
         unknown = next(key for key in value if key not in known)
-        close = get_close_matches(str(unknown), known, n=1)
-        return (
-            f"unknown key {unknown!r}",
-            f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known)}",
-        )
+        # the nearest, else all
+        remedy = nearest(str(unknown), known) or f"known keys: {', '.join(known)}"
+        return f"unknown key {unknown!r}", remedy.strip()
     if rule == "required":
         missing = next(key for key in expected if key not in value)
         return f"lacks the key {missing!r}", f"add {missing}: to it"
@@ -478,12 +476,10 @@ def known_loads(content: Mapping[str, Any], paths: CasePaths) -> dict[Path, Know
     found = {}
     for name, entry in section.items():
         if name not in files:
-            close = get_close_matches(name, files, n=1)
+            others = f"name one of recordings: or judge:, {', '.join(files)}"
             raise InputError(
                 f"no recording is called {name!r}",
-                f"did you mean {close[0]}?"
-                if close
-                else f"name one of recordings: or judge:, {', '.join(files)}",
+                nearest(name, files).strip() or others,
                 file=paths.file,
                 where="field payloads",
             )

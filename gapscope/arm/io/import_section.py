@@ -94,8 +94,9 @@ class Import:
         turned: signs and offsets of the joints behind it; ``None`` if there are none.
         join: how rows of files or topics side by side meet: ``row`` by row, or by time onto the one that holds q:
             ``interpolate`` or ``hold`` (the last value before); ``None``: topics by interpolation, files by row.
-        fit, judge: row ranges of each file, both ends included, counted from 0 below the header; ``fit`` empty: all.
-        fit_episodes, judge_episodes: episodes of each dataset; both empty: all are fitted.
+        rows: row ranges of each file to ``fit`` and to ``judge``, both ends included, counted from 0 below the header;
+            without ``fit`` all.
+        episodes: those of each dataset to ``fit`` and to ``judge``; without any all are fitted.
         calibration: factor and offset [rad] of positions in normalised units, by motor; ``None`` if there is none.
         mend: what is put right after all this; ``None``: nothing.
         source: the case file, for messages.
@@ -110,10 +111,8 @@ class Import:
     transmission: np.ndarray | None = None
     turned: Reading | None = None
     join: str | None = None
-    fit: tuple[tuple[int, int], ...] = ()
-    judge: tuple[tuple[int, int], ...] = ()
-    fit_episodes: tuple[int, ...] = ()
-    judge_episodes: tuple[int, ...] = ()
+    rows: Mapping[str, tuple[tuple[int, int], ...]] = field(default_factory=dict)
+    episodes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     calibration: Mapping[str, tuple[float, float]] | None = None
     mend: Reading | None = None
     source: Path | None = None
@@ -157,7 +156,9 @@ def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Imp
 
 def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]:
     """The attributes of an import section; errors name the field alone."""
-    found = {key: section[key] for key in ("topic", "join") if key in section}
+    found: dict[str, Any] = {
+        key: section[key] for key in ("topic", "join") if key in section
+    }
     if "signs" in section or "offsets" in section:
         same = Columns.identity(n)
         signs = _per_joint(section.get("signs", same.factor), n, "signs")
@@ -171,6 +172,7 @@ def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]
         found["joints"] = tuple(map(str, _per_joint(section["joints"], n, "joints")))
     if "transmission" in section:
         found["transmission"] = _transmission(section["transmission"], n)
+    rows = found["rows"] = {}
     for key, ranges in section.get("rows", {}).items():
         # [first, last], or a list of those
         pairs = [ranges] if isinstance(ranges[0], int) else ranges
@@ -178,9 +180,9 @@ def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]
             if not isinstance(pair, list) or len(pair) != 2 or pair[0] > pair[1]:
                 said = f"expected [first, last] or a list of those, got {ranges}"
                 raise _fault(f"rows.{key}", said)
-        found[key] = tuple((int(first), int(last)) for first, last in pairs)
-    for key, episodes in section.get("episodes", {}).items():
-        found[f"{key}_episodes"] = tuple(episodes)
+        rows[key] = tuple((int(first), int(last)) for first, last in pairs)
+    episodes = section.get("episodes", {}).items()
+    found["episodes"] = {key: tuple(numbers) for key, numbers in episodes}
     if "calibration" in section:
         found["calibration"] = _calibration(source.parent / section["calibration"])
     if "mend" in section:

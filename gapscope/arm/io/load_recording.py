@@ -63,26 +63,29 @@ Part = tuple[Entry, dict[str, Any]]
 """One recording of an entry: its file, or files side by side, and the ``rows`` or ``episode`` of ``load_recording``."""
 
 
-def fitted_parts(entry: Entry, importing: Import) -> list[Part]:
-    """The recordings of an entry that may be fitted: by default all rows, of all episodes.
+def parts_of(entry: Entry, importing: Import, use: str) -> list[Part]:
+    """The recordings of an entry that may be fitted, or are held out.
 
-    An episode may also be named as a table is, in ``topic``.
+    By default all of its rows, or all episodes of a dataset, are fitted and nothing is held out. An episode may also be
+    named as a table is, in ``topic``.
+
+    Args:
+        entry: file, or files side by side.
+        importing: the case's import section.
+        use: ``fit`` or ``judge``.
     """
+    default = (None,) if use == "fit" else ()
     if not (isinstance(entry, Path) and is_dataset(entry)):
-        return [(entry, {"rows": rows}) for rows in importing.fit or (None,)]
-    return [
-        (entry, {"episode": episode})
-        for episode in importing.fit_episodes or dataset_episodes(entry)
+        return [(entry, {"rows": rows}) for rows in importing.rows.get(use) or default]
+    episodes: Sequence[int] = importing.episodes.get(use, ())
+    if use == "fit":
         # a topic may also name one episode
-        if importing.topic in (None, episode_name(episode))
-    ]
-
-
-def judged_parts(entry: Entry, importing: Import) -> list[Part]:
-    """The recordings of an entry that are held out: none by default."""
-    if isinstance(entry, Path) and is_dataset(entry):
-        return [(entry, {"episode": episode}) for episode in importing.judge_episodes]
-    return [(entry, {"rows": rows}) for rows in importing.judge]
+        episodes = [
+            episode
+            for episode in episodes or dataset_episodes(entry)
+            if importing.topic in (None, episode_name(episode))
+        ]
+    return [(entry, {"episode": episode}) for episode in episodes]
 
 
 # A recording from its files: any of the formats, through the import section, with the checks a reader owes its user.
@@ -729,7 +732,7 @@ def _log(file: str | Path | Log, episode: int | None, importing: Import) -> Log:
     if not is_dataset(path):
         return open_log(path)
     # of parts that are asked for one by one, only that episode is read
-    named = (*importing.fit_episodes, *importing.judge_episodes) or None
+    named = sum(importing.episodes.values(), ()) or None
     return read_dataset(path, named if episode is None else [episode])
 
 

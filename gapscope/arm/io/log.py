@@ -18,7 +18,8 @@ from gapscope.arm.io.formats.table_files import (
     read_npz,
     read_parquet,
 )
-from gapscope.arm.io.table import Log, Table, shortened
+from gapscope.arm.io.table import Log, Table
+from gapscope.arm.nearest_name import shortened
 
 __all__ = ["READERS", "Log", "open_log"]
 

@@ -9,8 +9,9 @@ from scipy.special import ndtri
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import LARGEST_NUMBER
 from gapscope.arm.io.layouts import UNITS
-from gapscope.arm.io.table import GAP_STEPS, LARGEST_NUMBER, Table, runs
+from gapscope.arm.io.table import GAP_STEPS, Table, runs
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import MOST, STILL, STUCK_TIME, Recording, kept_values

@@ -16,6 +16,8 @@ import numpy as np
 from scipy.ndimage import find_objects, label
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import LARGEST_NUMBER
+from gapscope.arm.nearest_name import shortened
 from gapscope.arm.recording import MOST
 
 # A table as a log file holds it: named columns, and the place of each row in the file.
@@ -23,8 +25,6 @@ from gapscope.arm.recording import MOST
 
 GAP_STEPS = 4.0
 """A step of time longer than this many usual steps is a gap, over which nothing is interpolated [1]."""
-LARGEST_NUMBER = float(np.sqrt(np.sqrt(np.finfo(float).max)))
-"""Size of the largest number in a file, whatever it counts; products of four larger ones overflow [1]."""
 NO_VALUE = ("", "nan", "-nan", "null", "none", "na", "n/a", "-")
 """What stands in a cell that has no value, in lower case."""
 
@@ -235,12 +235,6 @@ def numbered(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 def runs(mask: np.ndarray) -> list[slice]:
     """Each run of true values, one after the other, of a mask (N,)."""
     return [rows for (rows,) in find_objects(label(mask)[0])]
-
-
-def shortened(names: Sequence[str], limit: int = 40) -> str:
-    """Names in a row, at most so many of them."""
-    rest = len(names) - limit
-    return ", ".join(names[:limit]) + (f" and {rest} more" if rest > 0 else "")
 
 
 # What a reader of any format gives: the tables of a log, before anything is known of the arm that made it.

@@ -13,8 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import UNLIMITED
+from gapscope.arm.dynamics.rigid_body import UNLIMITED, RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.log import open_log
 from gapscope.arm.io.plausibility import MAX_SAMPLES, PLAUSIBLE_RATES

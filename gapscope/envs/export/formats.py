@@ -23,7 +23,7 @@ from gapscope.arm.dynamics.inertials import (
 )
 from gapscope.arm.dynamics.link_shapes import PlacedShape
 from gapscope.arm.dynamics.plain_urdf import Place, exact_urdf, numbers, set_origin
-from gapscope.arm.dynamics.robot_file import joint_motion
+from gapscope.arm.dynamics.rigid_body import joint_motion
 from gapscope.arm.dynamics.rollout import LONGEST_STEP
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write

@@ -38,8 +38,7 @@ from gapscope.arm.dynamics.plain_urdf import (
     moving_links,
     numbers,
 )
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.robot_file import joint_motion
+from gapscope.arm.dynamics.rigid_body import RigidBody, joint_motion
 from gapscope.arm.nominal import FRICTION_SMOOTHING, NominalArm
 from gapscope.effects.actuation import MIN_FALL
 from gapscope.effects.applied import AppliedEffect

@@ -15,11 +15,9 @@ from scipy.optimize import least_squares
 from gapscope.arm.case import Case
 from gapscope.arm.control import PD, SETTLE, Targets
 from gapscope.arm.dynamics.rollout import (
+    ClosedLoop,
     Commands,
-    Plant,
     RollOut,
-    roll_outs,
-    sensitivity,
     ticks_per_step,
 )
 from gapscope.arm.errors import GapscopeError, InputError
@@ -184,14 +182,10 @@ class Experiment:
         self, beta: np.ndarray
     ) -> tuple[tuple[Recording, np.ndarray, np.ndarray], ...]:
         """Simulated recordings with d q / d beta [rad] and d tau / d beta [N m], each of shape (N, n, b)."""
-        along = sensitivity(
-            self.regressor.body,
-            self._plant(beta),
-            self.controller,
+        along = self._loop.sensitivities(
+            self._parameters(beta),
             self._rolled(beta),
             np.linalg.pinv(self.base.combination)[self._order],
-            self.regressor.arm.torque_limit,
-            self._rule,
         )
         out = []
         whole = zip(self.simulate(beta), self._commanded, along, strict=True)
@@ -213,23 +207,28 @@ class Experiment:
         check_samples(problem)
 
     @cached_property
-    def _rule(self) -> str:
-        """How the controller discretises its velocity filter: what the longest recording shows."""
+    def _loop(self) -> ClosedLoop:
+        """The arm and its controller, which discretises its velocity filter as the longest recording shows."""
         longest = max(self.recordings, key=lambda recording: recording.duration)
-        return rule_of(longest, self.controller)
+        return ClosedLoop(
+            self.regressor.body,
+            self.controller,
+            self.regressor.arm.torque_limit,
+            rule_of(longest, self.controller),
+        )
 
     @cached_property
     def _order(self) -> np.ndarray:
-        """Places of the parameters in the order of ``Plant.of``, (14 n,)."""
+        """Places of the parameters in the order of ``ClosedLoop``, (14 n,)."""
         n, quantities = self.regressor.arm.n_joints, self.regressor.quantities
         blocks = [10 + quantities.index(name) for name in JOINT_COLUMNS]
         return np.concatenate(
             [np.arange(k * n, k * n + n) for k in (*range(10), *blocks)]
         )
 
-    def _plant(self, beta: np.ndarray) -> Plant:
-        """The arm with base parameters beta, nearest to the prior."""
-        return Plant.of(self.base.nearest(beta, self.prior)[self._order])
+    def _parameters(self, beta: np.ndarray) -> np.ndarray:
+        """Those of the arm with base parameters beta, nearest to the prior, (14 n,)."""
+        return self.base.nearest(beta, self.prior)[self._order]
 
     @cached_property
     def _last(self) -> dict[bytes, tuple[RollOut, ...]]:
@@ -248,14 +247,9 @@ class Experiment:
                 # one that was held at rest begins on its reference
                 begun = commands.q[0] if rows[0] else own.q[0]
                 starts.append((begun, commands.dq[0]))
-            self._last[key] = roll_outs(
-                self.regressor.body,
-                self._plant(beta),
-                self.controller,
-                [commands for commands, _ in self._commanded],
-                self.regressor.arm.torque_limit,
-                starts,
-                self._rule,
+            every = [commands for commands, _ in self._commanded]
+            self._last[key] = self._loop.roll_outs(
+                self._parameters(beta), every, starts
             )
         return self._last[key]
 

@@ -11,13 +11,7 @@ from cases import sines
 
 from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.rollout import (
-    Commands,
-    Plant,
-    roll_outs,
-    sensitivity,
-    ticks_per_step,
-)
+from gapscope.arm.dynamics.rollout import ClosedLoop, Commands, ticks_per_step
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
@@ -26,10 +20,10 @@ INERTIA, WEIGHT = 0.55, 9.81
 """Of the rod about its hinge [kg m^2], and its gravity torque at the horizontal [N m]."""
 
 
-def roll_out(body, plant, controller, commands, limit=None, start=None):
+def roll_out(loop, plant, commands, start=None):
     """One series of commands."""
     starts = None if start is None else [start]
-    return roll_outs(body, plant, controller, [commands], limit, starts)[0]
+    return loop.roll_outs(plant, [commands], starts)[0]
 
 
 @pytest.fixture
@@ -49,7 +43,7 @@ def plant_of(arm, armature=0.0, viscous=0.0, coulomb=0.0, offset=0.0):
         np.broadcast_to(np.asarray(x, dtype=float), n)
         for x in (armature, viscous, coulomb, offset)
     ]
-    return Plant.of(np.concatenate([RigidBody(arm).inertial_parameters(), *laws]))
+    return np.concatenate([RigidBody(arm).inertial_parameters(), *laws])
 
 
 def pd(n, kp=0.0, kd=0.0, **other):
@@ -63,7 +57,8 @@ def hold(duration, q):
 
 
 def test_a_rod_without_friction_keeps_its_energy(rod):
-    out = roll_out(RigidBody(rod), plant_of(rod), pd(1), hold(5.0, [0.3]))
+    loop = ClosedLoop(RigidBody(rod), pd(1))
+    out = roll_out(loop, plant_of(rod), hold(5.0, [0.3]))
     energy = 0.5 * INERTIA * out.speed[:, 0] ** 2 - WEIGHT * np.sin(out.q[:, 0])
     assert np.ptp(out.q) > 1.5
     assert np.ptp(energy) < 1e-3 * WEIGHT
@@ -81,7 +76,8 @@ def test_friction_slows_a_rod_down_and_holds_it(floating, name):
     friction, speed = SLOWED[name]
     plant = plant_of(floating, armature=0.45, **friction)
     start = (np.zeros(1), np.ones(1))
-    out = roll_out(RigidBody(floating), plant, pd(1), hold(1.0, [0.0]), start=start)
+    loop = ClosedLoop(RigidBody(floating), pd(1))
+    out = roll_out(loop, plant, hold(1.0, [0.0]), start)
     # the dry law bends where it comes to rest
     apart = np.abs(out.t - 0.5) > 0.05
     assert out.speed[apart, 0] == pytest.approx(speed(out.t[apart]), abs=2e-3)
@@ -106,21 +102,21 @@ SOFT = {"velocity_cutoff": 80.0}
 
 
 def test_several_roll_outs_at_once_are_those_one_by_one(data_arm, motion):
-    body, controller = RigidBody(data_arm), pd(7, 500, 50, **SOFT)
+    loop = ClosedLoop(RigidBody(data_arm), pd(7, 500, 50, **SOFT), np.full(7, 60.0))
     plant = plant_of(data_arm, 0.3, 2.0, 1.0, 0.2)
     short = Commands(
         motion.t[:700] + 3.0, *(x[-700:] for x in (motion.q, motion.dq, motion.torque))
     )
-    together = roll_outs(body, plant, controller, [motion, short], np.full(7, 60.0))
+    together = loop.roll_outs(plant, [motion, short])
     directions = np.random.default_rng(2).standard_normal((98, 2))
-    along = sensitivity(body, plant, controller, together, directions)
+    along = loop.sensitivities(plant, together, directions)
     for commands, both, derivatives in zip(
         (motion, short), together, along, strict=True
     ):
-        alone = roll_out(body, plant, controller, commands, np.full(7, 60.0))
+        alone = roll_out(loop, plant, commands)
         for name in ("t", "q", "dq", "tau", "speed"):
             assert getattr(both, name) == pytest.approx(getattr(alone, name), abs=1e-9)
-        (own,) = sensitivity(body, plant, controller, [alone], directions)
+        (own,) = loop.sensitivities(plant, [alone], directions)
         for found, expected in zip(derivatives, own, strict=True):
             assert found == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
 
@@ -129,21 +125,20 @@ def test_the_roll_out_that_runs_away_is_named_by_its_time(floating):
     still = hold(5.0, [0.0])
     commands = [still, replace(still, t=still.t + 100.0)]
     starts = [(np.zeros(1), speed) for speed in (np.zeros(1), np.ones(1))]
-    body, plant, unstable = RigidBody(floating), plant_of(floating), pd(1, -2000.0)
+    loop = ClosedLoop(RigidBody(floating), pd(1, -2000.0))
     message = r"(?s)diverged at joint 1, at t = 10\d.*gains"
     with pytest.raises(GapscopeError, match=message):
-        roll_outs(body, plant, unstable, commands, starts=starts)
+        loop.roll_outs(plant_of(floating), commands, starts)
 
 
-def assert_slopes(body, controller, commands, vector, ways, step, near, limit=None):
+def assert_slopes(loop, commands, vector, ways, near, step=1e-4):
     """Along each way the derivatives of position and torque are near finite differences."""
-    every = ticks_per_step(controller)
+    every = ticks_per_step(loop.controller)
 
     def rolled(change):
-        return roll_out(body, Plant.of(vector + change), controller, commands, limit)
+        return roll_out(loop, vector + change, commands)
 
-    plant = Plant.of(vector)
-    ((q, tau),) = sensitivity(body, plant, controller, [rolled(0.0)], ways, limit)
+    ((q, tau),) = loop.sensitivities(vector, [rolled(0.0)], ways)
     for k, way in enumerate(ways.T):
         up, down = rolled(step * way), rolled(-step * way)
         for along, high, low in ((q, up.q, down.q), (tau, up.tau, down.tau)):
@@ -162,7 +157,7 @@ def test_close_ticks_share_a_step_of_the_sensitivity(rod):
     ways = np.eye(14)[:, [0, 10, 11, 12]]
     assert ticks_per_step(controller) == 4
     assert_slopes(
-        *(body, controller, commands, vector, ways, 1e-4),
+        *(ClosedLoop(body, controller), commands, vector, ways),
         lambda x, numeric: np.std(x - numeric) <= 0.02 * np.std(numeric),
     )
 
@@ -179,10 +174,10 @@ def test_sensitivities_are_those_of_finite_differences(data_arm, motion, swapped
     vector = np.r_[body.inertial_parameters(), friction]
     size = 0.1 * np.maximum(np.abs(vector), 0.01)
     ways = rng.standard_normal((98, 2)) * size[:, None]
+    loop = ClosedLoop(body, pd(7, 500, 50, **SOFT), np.full(7, 60.0))
     assert_slopes(
-        *(body, pd(7, 500, 50, **SOFT), motion, vector, ways, 1e-4),
+        *(loop, motion, vector, ways),
         lambda x, numeric: np.abs(x - numeric).max() < 1e-4 * np.abs(numeric).max(),
-        np.full(7, 60.0),
     )
 
 

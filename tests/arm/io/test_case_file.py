@@ -116,7 +116,7 @@ BODY = {"mass": 2.0, "com": [0.0, 0.0, 0.05]}
 LOAD = KnownLoad(2.0, (0.0, 0.0, 0.05))
 INFINITE, NONE = float("inf"), float("nan")
 LOADS: list[tuple[Any, str]] = [
-    ({"a.cvs": BODY}, ": no recording is called 'a.cvs'\n  remedy: did you mean a.csv?"),
+    ({"a.cvs": BODY}, ": no recording is called 'a.cvs'\n  remedy: did you mean 'a.csv'?"),
     ({"xyz": BODY}, ": no recording is called 'xyz'\n  remedy: name one of recordings: or judge:, a.csv"),
     ({"a.csv": BODY | {"mass": -2}}, ".a.csv.mass: expected a number of at least 0, got -2"),
     ({"a.csv": BODY | {"mass": INFINITE}}, ".a.csv, mass: a payload of inf kg is none"),
@@ -132,7 +132,7 @@ LOADS: list[tuple[Any, str]] = [
 """Known payloads."""
 BAD: list[tuple[dict[str, Any], str]] = [
     *(({"payloads": loads}, f"field payloads{message}") for loads, message in LOADS),
-    ({"recording": ["a.csv"]}, "case.yaml: unknown key 'recording'\n  remedy: did you mean recordings?"),
+    ({"recording": ["a.csv"]}, "case.yaml: unknown key 'recording'\n  remedy: did you mean 'recordings'?"),
     ({"recordings": "a.csv"}, "field recordings: expected a list, got 'a.csv'"),
     ({"recordings": []}, "field recordings: "),
     ({"recordings": ["absent.csv"]}, "absent.csv: no such file"),
