@@ -20,7 +20,6 @@ other motions, by least squares in the law that was chosen; of sharp Coulomb fri
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -29,7 +28,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from common import command_line, markdown
+from common import DATA, command_line, markdown
 from rich.console import Console
 from rich.progress import track
 
@@ -235,7 +234,6 @@ def simulated(effects: tuple[AppliedEffect, ...] = (), dry: bool = False) -> Wor
 # Arms that pinocchio alone moves: bodies off the model's, friction of another form than any law of the model.
 
 
-DATA = Path(os.environ.get("GAPSCOPE_DATA", ""))
 FORM_ARMS: dict[str, str | Path] = {
     "kuka_iiwa": "kuka_iiwa",
     "franka_panda": "franka_panda",

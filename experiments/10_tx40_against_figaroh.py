@@ -17,7 +17,7 @@ from time import perf_counter, process_time
 
 import numpy as np
 from benchmarks.child import FIGAROH, figaroh_fit, install
-from common import command_line
+from common import CASES, command_line
 
 from gapscope.arm.case import load_case
 from gapscope.ident.identification import (
@@ -26,8 +26,6 @@ from gapscope.ident.identification import (
 )
 from gapscope.ident.samples import MOVING, Band, FrictionLaw, ModelColumns
 from gapscope.model.conditioning import Segment
-
-HERE = Path(__file__).parent
 
 
 def plain(
@@ -83,7 +81,7 @@ def main() -> None:
     if python is None:
         sys.exit(f"this comparison needs {FIGAROH}")
     start = perf_counter()
-    case = load_case(HERE / "cases" / "staubli_tx40.yaml")
+    case = load_case(CASES / "staubli_tx40.yaml")
     print(f"read in {perf_counter() - start:.2f} s")
     for cutoff in (10.0, 100.0):
         band = Band(cutoff, trim=False)

@@ -14,7 +14,6 @@ one ended. ``--table`` only prints what is there, as Markdown.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, kept, markdown
+from common import CASES, DATA, command_line, kept, markdown
 from generator_arms import recorded
 
 from gapscope.arm.case import Case, load_case
@@ -152,8 +151,6 @@ def _trajectories(
 
 # Networks and trees
 
-CASES = Path(__file__).parent / "cases"
-DATA = Path(os.environ.get("GAPSCOPE_DATA", CASES.parents[1] / "../shared/data"))
 FITTED = 0.6
 """Share of a single recording that is used to fit."""
 EVEN = 1.01

@@ -12,7 +12,6 @@ chains with oblique placements and axes.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import sympy as sp
-from common import command_line
+from common import DATA, command_line
 from pinocchio import SE3
 
 from gapscope.arm.dynamics.description import (
@@ -178,10 +177,6 @@ def _exact(values: np.ndarray) -> sp.Matrix:
 
 # Counts and differences
 
-DATA = Path(
-    os.environ.get("GAPSCOPE_DATA")
-    or Path(__file__).resolve().parents[2] / "shared" / "data"
-)
 KNOWN = {
     "kuka_iiwa": "43-44",
     "franka_panda": "43",

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, markdown, run_missing, share_text
+from common import CASES, command_line, markdown, run_missing, share_text
 from generator_arms import recorded, write_side
 
 from gapscope.arm.case import Case, load_case
@@ -39,7 +39,6 @@ from gapscope.model.changes import (
     changes_of,
 )
 
-CASES = Path(__file__).parent / "cases"
 REAL = (
     "staubli_tx40",
     "ur10",

@@ -41,7 +41,7 @@ from zlib import crc32
 import numpy as np
 import pandas as pd
 import yaml
-from common import command_line, kept, markdown, run_part
+from common import CASES, command_line, kept, markdown, run_part
 from generator_arms import ARMS, GeneratorArm, make_generated
 from real_carriers import load_carrier
 
@@ -165,7 +165,7 @@ def _made(folder: Path, robot: str, laws: tuple[str, ...], noise: float) -> Case
     kind = "single" if laws else "healthy"
     spec = CaseSpec(kind, laws, SEVERITY if laws else None, conditions)
     seed = (36, crc32(folder.name.encode()))
-    make_generated(spec, seed, folder, folder.with_suffix(".json"))
+    make_generated(spec, seed, folder)
     return load_case(folder)
 
 
@@ -372,7 +372,6 @@ DRAWS: dict[str, Callable[[np.random.Generator, int], Fault]] = {
 
 # References, gains, zeros and gravity
 
-CASES = Path(__file__).parent / "cases"
 REFERENCE_FAULTS: dict[str, Fault] = {
     "velocity_of_reference": VelocityOfReference(),
     "ignored_velocity_reference": IgnoredVelocityReference(),

@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, markdown, run_missing
+from common import CASES, command_line, markdown, run_missing
 from scipy.signal import lfilter
 from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
@@ -230,7 +230,6 @@ def _bodies(
 
 # What a watch says of them
 
-CASES = Path(__file__).parent / "cases"
 REAL = ("ur10", "panda", "kuka_med7", "unitree_z1")
 """Real arms with a recording of 15 s or more."""
 AFTER = 120.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import os
 import resource
 import signal
 import sys
@@ -24,6 +25,10 @@ from gapscope.blind_check.scoring import named, same, wilson
 from gapscope.reports.pages import PageSection as Table
 
 T = TypeVar("T")
+CASES = Path(__file__).resolve().parent / "cases"
+"""Cases of real arms."""
+DATA = Path(os.environ.get("GAPSCOPE_DATA", CASES.parents[1] / "../shared/data"))
+"""Their recordings."""
 WAITING = 5.0
 """A task may take so many times its limit of processor time on a busy machine [1]."""
 Ended = Callable[[T, str, float], None]
@@ -31,7 +36,10 @@ Ended = Callable[[T, str, float], None]
 
 
 def command_line(description: str | None, **defaults: Any) -> argparse.ArgumentParser:
-    """A command line with options by their defaults: ``seeds=3`` is ``--seeds 3``, ``table=False`` a flag."""
+    """A command line with options by their defaults: ``seeds=3`` is ``--seeds 3``, ``table=False`` a flag.
+
+    A type stands for an option without a default: ``steps=int``.
+    """
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -39,6 +47,8 @@ def command_line(description: str | None, **defaults: Any) -> argparse.ArgumentP
         option = f"--{name.replace('_', '-')}"
         if default is False:
             parser.add_argument(option, action="store_true")
+        elif isinstance(default, type):
+            parser.add_argument(option, type=default)
         else:
             parser.add_argument(
                 option,

@@ -8,6 +8,7 @@ side. The motion of a recording comes from filters of its own, not from the cond
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from zlib import crc32
 
 import numpy as np
 import yaml
+from common import CASES, DATA
 from scipy.signal import butter, sosfiltfilt
 
 import gapscope
@@ -26,6 +28,7 @@ from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.write_case import nominal_section, write_case
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.recorded import at_samples, smooth_motion
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings
@@ -159,7 +162,6 @@ def _least_squares(
 
 # Carriers and their cuts
 
-CASES = Path(__file__).resolve().parent / "cases"
 ARMS = {
     "tx40": "staubli_tx40",
     "ur10": "ur10",
@@ -236,6 +238,30 @@ def _put_right(case: Case) -> Case:
     arm = replace(case.arm, coulomb=np.zeros(n), viscous=np.zeros(n))
     turned = tuple(replace(r, tau=-np.asarray(r.tau)) for r in case.recordings)
     return replace(case, arm=arm, recordings=turned)
+
+
+LEGS = ("FL", "FR", "RL", "RR")
+
+
+def go2_leg(leg: str, folder: Path) -> Case:
+    """A leg of the Go2 in the air, hip, thigh and calf, without torque; its model is written into a folder."""
+    tree = ET.parse(DATA / "unitree_go2" / "go2.xml")
+    # postures of the free robot, which a reader that fixes its base refuses
+    for postures in tree.getroot().findall("keyframe"):
+        tree.getroot().remove(postures)
+    file = folder / "go2.xml"
+    folder.mkdir(parents=True, exist_ok=True)
+    tree.write(file)
+    joints = [f"{leg}_{joint}_joint" for joint in ("hip", "thigh", "calf")]
+    first, recordings = 3 * LEGS.index(leg), []
+    for k in range(6):
+        with np.load(DATA / "unitree_go2" / f"traj_{k}.npz") as rows:
+            names = ("q", "dq", "q_ref", "dq_ref")
+            log = {name: rows[name][:, first : first + 3] for name in names}
+            t = rows["t"] - rows["t"][0]
+        recordings.append(Recording(f"repeat{k}", t, **log))
+    arm = load_nominal_arm(file, joints=joints)
+    return Case(f"go2_{leg}", Path(), arm, tuple(recordings))
 
 
 Window = tuple[float, float]

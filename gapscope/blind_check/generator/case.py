@@ -137,7 +137,7 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
     motions, kinds = _motions(arm, conditions, rng)
     postures = arm.home + rng.uniform(-1, 1, (20, arm.n)) * arm.half
     inertia = inertia_diagonal(model, postures).mean(axis=0)
-    torques = [_nominal_torque(arm, model, motion) for motion in motions]
+    torques = [needed_torque(arm, model, motion) for motion in motions]
     # a PD controller of 3 to 4.5 Hz bandwidth whose limit lies well above what the motions need
     w = rng.uniform(20, 28)
     damping = rng.uniform(0.8, 1.0)
@@ -163,11 +163,8 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
         presliding=10 ** rng.uniform(-4.7, -4.0),
         bend=rng.uniform(0.94, 1.0, arm.n),
     )
-    ahead = [np.zeros_like(motion.q) for motion in motions]
-    if loop.feedforward == "nominal":
-        ahead = torques
-    elif loop.feedforward == "gravity":
-        ahead = [_rigid_torque(model, motion, gravity_only=True) for motion in motions]
+    pairs = zip(motions, torques, strict=True)
+    ahead = [fed_forward(loop.feedforward, model, *pair) for pair in pairs]
     noise = [healthy.noise * rng.standard_normal(motion.q.shape) for motion in motions]
     believed = arm.root
     if conditions.inertials_off:
@@ -212,12 +209,21 @@ def sheet_of(arm: Arm) -> dict[str, np.ndarray]:
     return {"armature": arm.armature, "coulomb": arm.coulomb, "viscous": arm.viscous}
 
 
-def _nominal_torque(arm: Arm, model: Any, motion: Motion) -> np.ndarray:
+def needed_torque(arm: Arm, model: Any, motion: Motion) -> np.ndarray:
     """Torque that the nominal arm needs for a reference [N m], (N, n)."""
     rigid = _rigid_torque(model, motion)
     rotors = arm.armature * motion.ddq
     dry = arm.coulomb * np.tanh(motion.dq / KNEE)
     return rigid + rotors + dry + arm.viscous * motion.dq
+
+
+def fed_forward(
+    kind: str, model: Any, motion: Motion, needed: np.ndarray
+) -> np.ndarray:
+    """What a feedforward of a kind makes of the torque that the nominal arm needs for a reference [N m], (N, n)."""
+    if kind == "gravity":
+        return _rigid_torque(model, motion, gravity_only=True)
+    return needed if kind == "nominal" else np.zeros_like(needed)
 
 
 def _rigid_torque(
