@@ -15,7 +15,6 @@ versions side by side.
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -26,17 +25,15 @@ import numpy as np
 import yaml
 from common import (
     DATA,
-    Wanted,
+    grouped,
     names_of,
     study,
     study_options,
     verdict_of,
 )
 from real_carriers import LEGS, go2_leg, load_carrier
-from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.recording import Recording
@@ -220,12 +217,6 @@ def read_plans(groups: Sequence[str], out: Path) -> list[Comparison]:
     return found
 
 
-def wanted(plan: Comparison, out: Path, results: Path) -> Wanted:
-    """The diagnosis of a comparison."""
-    folder, file = out / "cases" / plan.name, results / f"{plan.name}.json"
-    return Wanted(folder / "case", folder / "reference", file)
-
-
 def changes_of(result: dict[str, Any]) -> list[str]:
     """Changes during a recording that a result states, with their joints and times; they are false too."""
     changes = (result.get("document") or {}).get("changes") or []
@@ -234,13 +225,8 @@ def changes_of(result: dict[str, Any]) -> list[str]:
 
 def tables(rows: Sequence[tuple[Comparison, dict[str, Any]]]) -> list[Table]:
     """Rates by group and relation; and all that was named."""
-    parts: dict[str, list[dict[str, Any]]] = {}
-    for plan, result in rows:
-        parts.setdefault(f"{plan.group}, {plan.relation}", []).append(result)
-        parts.setdefault("~ all", []).append(result)
-    head = ("", "comparisons", "named", "rate", "95 % interval", "change during")
+    head = ("comparisons", "named", "rate", "95 % interval", "change during")
     head = (*head, "unexplained", "failed", "effects", "seconds: median, worst")
-    figures = [(key.strip("~ "), *_figures(parts[key])) for key in sorted(parts)]
     wrong = [
         (
             plan.name,
@@ -252,11 +238,18 @@ def tables(rows: Sequence[tuple[Comparison, dict[str, Any]]]) -> list[Table]:
         if names_of(result) or changes_of(result) or result["status"] != "done"
     ]
     return [
-        Table("Nothing changed", head, tuple(figures)),
+        grouped(
+            "Nothing changed",
+            head,
+            rows,
+            lambda row: f"{row[0].group}, {row[0].relation}",
+            lambda own: _figures([result for _, result in own]),
+            rows,
+        ),
         Table(
             "Named or failed",
             ("comparison", "verdict", "effects", "changes during a recording"),
-            tuple(wrong),
+            wrong,
         ),
     ]
 
@@ -268,7 +261,6 @@ def _figures(results: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     effects = Counter(name.split()[0] for r in named for name in names_of(r))
     seconds = [float(r["cpu_seconds"]) for r in results]
     return (
-        str(len(results)),
         str(len(named)),
         f"{100 * len(named) / max(len(done), 1):.1f} %",
         f"{100 * low:.1f} to {100 * high:.1f} %",
@@ -314,10 +306,7 @@ def main() -> None:
     parser = study_options(__doc__, "agree", out=Path("out/nothing_changed"))
     parser.add_argument("--groups", default=",".join(GROUPS), help="default: all")
     arguments = parser.parse_args()
-    warnings.simplefilter("ignore", ModelWarning)
     groups, out = arguments.groups.split(","), arguments.out
-    results = out / arguments.results
-    threadpool_limits(1)
     if arguments.step == "agree":
         agree(out)
         return
@@ -325,7 +314,9 @@ def main() -> None:
         arguments,
         make=lambda: make(groups, out),
         plans=lambda: read_plans(groups, out),
-        wanted=lambda plan: wanted(plan, out, results),
+        sides=lambda plan: tuple(
+            out / "cases" / plan.name / side for side in ("case", "reference")
+        ),
         tables=tables,
     )
 

@@ -15,7 +15,6 @@ Resumable: run it again for the rest; each diagnosis has a result file.
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +23,6 @@ from typing import Any
 import numpy as np
 import yaml
 from common import (
-    Wanted,
     names_of,
     run_missing,
     study,
@@ -32,9 +30,8 @@ from common import (
     verdict_of,
 )
 from generator_arms import recorded, write_side
-from threadpoolctl import threadpool_limits
 
-from gapscope.arm.errors import GapscopeError, ModelWarning
+from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json
 from gapscope.blind_check.generator.case import CaseSetup, draw_setup
 from gapscope.blind_check.generator.law import Cause, Draws
@@ -263,13 +260,6 @@ def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> N
     run_missing(made, files, jobs, 600.0)
 
 
-def wanted(task: Task, out: Path, results: Path) -> Wanted:
-    """The diagnosis of a task."""
-    folder = out / "cases" / task.case
-    reference = folder / "reference" if task.mode == "against" else None
-    return Wanted(folder / "case", reference, results / f"{task.name}.json")
-
-
 @dataclass(frozen=True)
 class Judged:
     """A result beside its truth.
@@ -365,16 +355,20 @@ def main() -> None:
         __doc__, out=Path("out/states"), rows=",".join(ROWS), draws=6, seed=1
     )
     arguments = parser.parse_args()
-    warnings.simplefilter("ignore", ModelWarning)
-    out, results = arguments.out, arguments.out / arguments.results
+    out = arguments.out
     cases = list(itertools.product(arguments.rows.split(","), range(arguments.draws)))
     tasks = [Task(row, draw, mode) for row, draw in cases for mode in ROWS[row].modes]
-    threadpool_limits(1)
+
+    def sides(task: Task) -> tuple[Path, Path | None]:
+        folder = out / "cases" / task.case
+        reference = folder / "reference" if task.mode == "against" else None
+        return folder / "case", reference
+
     study(
         arguments,
         make=lambda: make(cases, arguments.seed, out, arguments.jobs),
         plans=lambda: tasks,
-        wanted=lambda task: wanted(task, out, results),
+        sides=sides,
         tables=lambda rows: tables(rows, out),
     )
 

@@ -10,6 +10,7 @@ import signal
 import sys
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
@@ -17,9 +18,11 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 import gapscope
 from gapscope.arm.case import load_case
+from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.blind_check.scoring import named, same, wilson
 from gapscope.reports.pages import PageSection as Table
@@ -276,29 +279,50 @@ def study(
     options: argparse.Namespace,
     make: Callable[[], None],
     plans: Callable[[], Sequence[T]],
-    wanted: Callable[[T], Wanted],
+    sides: Callable[[T], tuple[Path, Path | None]],
     tables: Callable[[list[tuple[T, dict[str, Any]]]], Sequence[Table]],
 ) -> None:
-    """Make cases, diagnose them, and publish tables of plans and results, as ``--step`` asks.
+    """Make cases, diagnose them, and publish tables of plans and results, as ``--step`` asks; on one thread a process.
 
     Args:
         options: of ``study_options``, with ``out``.
         make: writes the cases.
-        plans: what is planned, once the cases are made.
-        wanted: the diagnosis of a plan.
+        plans: what is planned, once the cases are made, each with a ``name``.
+        sides: folder of the case of a plan, and of the reference that it is compared with, if any.
         tables: of the plans that have a result.
     """
+    warnings.simplefilter("ignore", ModelWarning)
+    threadpool_limits(1)
+    results = options.out / options.results
     if options.step in ("make", "all"):
         make()
-    planned = [(plan, wanted(plan)) for plan in plans()]
+    planned = [
+        (plan, Wanted(*sides(plan), results / f"{plan.name}.json")) for plan in plans()
+    ]
     if options.step in ("run", "all"):
         made = [one for _, one in planned if (one.case / "case.yaml").is_file()]
         diagnose_missing(made, options)
     if options.step in ("score", "all"):
         done = [(plan, one.file) for plan, one in planned if one.file.is_file()]
         rows = [(plan, read_json(file, "remove it")) for plan, file in done]
-        results = options.out / options.results
         publish(tables(rows), len(planned) - len(rows), len(planned), results)
+
+
+def grouped(
+    title: str,
+    head: Sequence[str],
+    items: Sequence[T],
+    key: Callable[[T], str],
+    cells: Callable[[Sequence[T]], Sequence[str]],
+    whole: Sequence[T] = (),
+) -> Table:
+    """A row for each value of a key, how many items have it and what is said of these; ``all`` of the whole at last."""
+    groups: dict[str, list[T]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    named = [*sorted(groups.items()), *[("all", whole)] * bool(whole)]
+    rows = [(name, str(len(own)), *cells(own)) for name, own in named]
+    return Table(title, ("", *head), rows)
 
 
 def kept(file: Path, make: Callable[..., Any], *arguments: Any) -> Any:
