@@ -407,11 +407,5 @@ MOTIONS: dict[str, Callable[[int], Motion]] = {
 """Motions by name."""
 
 
-MAKERS = {
-    "readme": readme,
-    "signatures": signatures,
-}
-"""What the first word of the command line may be."""
-
 if __name__ == "__main__":
-    run_part(__doc__, MAKERS)
+    run_part(__doc__, readme, signatures)

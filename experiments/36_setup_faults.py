@@ -117,15 +117,10 @@ def without_gravity(case: Case, rng: np.random.Generator) -> Case:
     return replace(case, recordings=tuple(spoilt(r) for r in case.recordings))
 
 
-def _two_sizes(n: int) -> tuple[float, ...]:
-    """Constants of large motors in the arm and small ones in the wrist, at the joint [N m/A]."""
-    return tuple(13.0 if 2 * j < n else 8.0 for j in range(n))
-
-
 TORQUE_FAULTS: dict[str, Callable[[int], Fault]] = {
     "gravity left out": lambda n: GravityCompensatedTorque(),
     "amperes, one constant": lambda n: TorqueUnit("current", factor=(10.0,)),
-    "amperes, two sizes": lambda n: TorqueUnit("current", factor=_two_sizes(n)),
+    "amperes, two sizes": lambda n: TorqueUnit("current", factor=(13.0,) * -(-n // 2) + (8.0,) * (n // 2)),
     "milliamperes": lambda n: TorqueUnit("current", factor=(0.01,)),
     "three commands times four": lambda n: TorqueUnit("command_scale", (1, 2, 3), (0.25,)),
     "late by 20 ms": lambda n: LateTorque("delay", 0.02),
@@ -133,7 +128,7 @@ TORQUE_FAULTS: dict[str, Callable[[int], Fault]] = {
     "late by 100 ms": lambda n: LateTorque("delay", 0.1),
     "filtered, 50 ms": lambda n: LateTorque("filter", 0.05),
 }  # fmt: skip
-"""Faults put in, on an arm with n joints."""
+"""Faults put in, on an arm with n joints; large motors have other constants than those of the wrist [N m/A]."""
 BESIDE_ORDINARY = ("gravity left out", "amperes, one constant")
 """Faults that are put in beside ordinary effects."""
 AS_IT_IS = "as it is"
@@ -172,17 +167,14 @@ def _made(folder: Path, robot: str, laws: tuple[str, ...], noise: float) -> Case
 def answer(case: Case, label: str) -> dict[str, Any]:
     """What is found in a case with a fault put in."""
     rng = np.random.default_rng(crc32(f"{case.name} {label}".encode()))
-    spoilt = case
     if label in TORQUE_FAULTS:
         fault = TORQUE_FAULTS[label](case.arm.n_joints)
-        of_gravity = isinstance(fault, GravityCompensatedTorque)
-        spoilt = (
-            without_gravity(case, rng)
-            if of_gravity
-            else fault.in_case(case, rng, case.arm)
-        )
+        if isinstance(fault, GravityCompensatedTorque):
+            case = without_gravity(case, rng)
+        else:
+            case = fault.in_case(case, rng, case.arm)
     start = time.process_time()
-    found = find_setup_faults(spoilt)
+    found = find_setup_faults(case)
     return {
         "seconds": round(time.process_time() - start, 2),
         "found": [
@@ -591,13 +583,5 @@ def controllers() -> None:
         print(f"| {kind} | {label} | {words} |", flush=True)
 
 
-PARTS = {
-    "torque_column": torque_column,
-    "drawn": drawn,
-    "references": references,
-    "controllers": controllers,
-}
-"""What the first word of the command line may be."""
-
 if __name__ == "__main__":
-    run_part(__doc__, PARTS)
+    run_part(__doc__, torque_column, drawn, references, controllers)

@@ -62,8 +62,16 @@ def command_line(description: str | None, **defaults: Any) -> argparse.ArgumentP
     return parser
 
 
-def run_part(description: str, parts: Mapping[str, Callable[[], object]]) -> None:
-    """Run the part that the first word of the command line names; the other words are its own."""
+def run_part(
+    description: str,
+    *functions: Callable[[], object],
+    **named: Callable[[], object],
+) -> None:
+    """Run the part that the first word of the command line names, a function or a name for one.
+
+    The other words are its own.
+    """
+    parts = {function.__name__: function for function in functions} | named
     parser = command_line(description)
     parser.add_argument(
         "part", choices=parts, help="one of them; PART --help says what it takes"
