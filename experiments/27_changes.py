@@ -26,6 +26,7 @@ from generator_arms import recorded, write_side
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import ModelWarning
+from gapscope.arm.root_mean_square import rms
 from gapscope.blind_check.generator.arms import ROBOTS
 from gapscope.blind_check.generator.case import CaseSetup, draw_setup
 from gapscope.blind_check.generator.law import Cause
@@ -201,7 +202,7 @@ def changed(
     run = run | {"tau": np.where(run["t"][:, None] > moment, factor, 1.0) * run["tau"]}
     if kind == FRICTION:
         torque = run["tau"][:, truth.joints[0] - 1]
-        small = truth.size < SMALL * float(np.sqrt(np.mean(torque**2)))
+        small = truth.size < SMALL * rms(torque)
         part = f"{'below' if small else 'from'} {SMALL:.0%} of the torque"
         truth = replace(truth, label=f"{truth.label}, {part}")
     name = f"recording_{'abc'[which]}.csv"

@@ -28,7 +28,6 @@ law must have commanded. Printed for each law: what was found with its value.
 from __future__ import annotations
 
 import itertools
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -41,7 +40,7 @@ from zlib import crc32
 import numpy as np
 import pandas as pd
 import yaml
-from common import CASES, command_line, kept, markdown, run_part
+from common import CASES, DATA, command_line, kept, markdown, run_part
 from generator_arms import ARMS, GeneratorArm, make_generated
 from real_carriers import load_carrier
 
@@ -398,10 +397,10 @@ def simulated(feedforward: str, effects: tuple[AppliedEffect, ...], name: str) -
     return record_case(name, arm, effects, plan, rng, controller=controller)
 
 
-def real(name: str, data: Path, **columns: str) -> Case:
+def real(name: str, **columns: str) -> Case:
     """A case of ``experiments/cases``, with further columns of its logs."""
     if not columns:
-        return load_case(CASES / f"{name}.yaml", data_root=data)
+        return load_case(CASES / f"{name}.yaml", data_root=DATA)
     content = yaml.safe_load((CASES / f"{name}.yaml").read_text(encoding="utf-8"))
     content["import"] |= columns
     # the other recording holds commands of 1e38
@@ -409,10 +408,10 @@ def real(name: str, data: Path, **columns: str) -> Case:
     with TemporaryDirectory() as folder:
         file = Path(folder) / "case.yaml"
         file.write_text(yaml.safe_dump(content), encoding="utf-8")
-        return load_case(file, data_root=data)
+        return load_case(file, data_root=DATA)
 
 
-def with_references(data: Path | None, folder: Path) -> Iterator[Case]:
+def with_references(folder: Path) -> Iterator[Case]:
     """All cases that have references."""
     yield simulated("nominal", (), "iiwa, feedforward")
     yield simulated("none", (), "iiwa, PD alone")
@@ -422,11 +421,11 @@ def with_references(data: Path | None, folder: Path) -> Iterator[Case]:
         target = folder / f"generator_{number}"
         GeneratorArm(number).write(target)
         yield replace(load_case(target / "case"), name=f"generator, {robot}")
-    if data is not None:
-        yield real("unitree_z1", data)
-        yield real("so101", data)
+    if DATA.is_dir():
+        yield real("unitree_z1")
+        yield real("so101")
         commands = {"q_ref": "PositionCmptd{j}", "dq_ref": "VelocityCmptd{j}"}
-        yield replace(real("kinova_gen3_current", data, **commands), name="kinova_gen3")
+        yield replace(real("kinova_gen3_current", **commands), name="kinova_gen3")
 
 
 def noisy(case: Case, torque: float, position: float, rng: np.random.Generator) -> Case:
@@ -450,11 +449,9 @@ def with_fault(case: Case, fault: Fault) -> Case | None:
         return None
 
 
-def references_part(
-    data: Path | None, folder: Path
-) -> Iterator[tuple[str, str, str, str]]:
+def references_part(folder: Path) -> Iterator[tuple[str, str, str, str]]:
     """Case, how it was given, fault, and what was found."""
-    for case in with_references(data, folder):
+    for case in with_references(folder):
         for noise, sizes in NOISE.items():
             changed = noisy(case, *sizes, np.random.default_rng(1))
             bare = tuple(replace(r, tau=None) for r in case.recordings)
@@ -483,12 +480,11 @@ def _names(case: Case) -> str:
     return "; ".join(words) or "none"
 
 
-def zeros_part(data: Path | None, folder: Path) -> Iterator[tuple[str, str, str, str]]:
+def zeros_part(folder: Path) -> Iterator[tuple[str, str, str, str]]:
     """Each joint of each arm counted from another zero."""
     cases = [simulated("nominal", ORDINARY, "iiwa, effects")]
-    if data is not None:
-        names = ("ur10", "panda", "kinova_gen3_current")
-        cases += [real(name, data) for name in names]
+    if DATA.is_dir():
+        cases += map(real, ("ur10", "panda", "kinova_gen3_current"))
     for case in cases:
         yield case.name, "", "none", _zeros(case)
         for joint in range(1, case.arm.n_joints + 1):
@@ -531,12 +527,11 @@ def references() -> None:
     parser = command_line(references.__doc__, out=Path("out/reference_faults"))
     parser.add_argument("--part", choices=REFERENCE_PARTS, action="append")
     options = parser.parse_args()
-    data = Path(os.environ["GAPSCOPE_DATA"]) if "GAPSCOPE_DATA" in os.environ else None
     options.out.mkdir(parents=True, exist_ok=True)
     for part in options.part or REFERENCE_PARTS:
         rows = []
         with TemporaryDirectory() as folder:
-            for row in REFERENCE_PARTS[part](data, Path(folder)):
+            for row in REFERENCE_PARTS[part](Path(folder)):
                 rows.append((*row, outcome(*row[2:])))
                 print(" | ".join(rows[-1]), flush=True)
         head = ["case", "given", "fault", "found", "outcome"]

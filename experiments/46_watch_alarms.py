@@ -41,6 +41,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.root_mean_square import rms
 from gapscope.blind_check.generator.arms import (
     SHEETS,
     Arm,
@@ -119,28 +120,23 @@ class WorkingArm:
         self._heat = (self.c + self.b * 0.4) * 0.4
         self._programs = [self._points() for _ in range(4)]
         self._until, self._choice, self._speed = 0.0, 0, 1.0
-        self._queue: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._ahead = np.zeros((3, 0, n))
         self._place = self.sheet.home.copy()
         self._step, self._stops = 0, 0
 
     def chunks(self, seconds: float) -> Iterator[Recording]:
         """The next seconds of work, in parts."""
-        for _ in range(round(seconds / CHUNK)):
-            yield self._chunk()
-
-    def _chunk(self) -> Recording:
         count = round(CHUNK * RATE)
-        while sum(len(q) for q, _, _ in self._queue) < count:
-            self._queue.append(self._move())
-        q, dq, ddq = (np.concatenate(x) for x in zip(*self._queue, strict=True))
-        self._queue = [(q[count:], dq[count:], ddq[count:])]
-        q, dq, ddq = q[:count], dq[:count], ddq[:count]
-        t = self.t + np.arange(count) / RATE
-        self.t += count / RATE
-        # the torque that is recorded belongs to a moment before the positions
-        torque = self._torque(q - dq * self.lag, dq - ddq * self.lag, ddq)
-        q = q + self.encoder * self.rng.standard_normal(q.shape)
-        return Recording("shift", t, q, tau=torque)
+        for _ in range(round(seconds / CHUNK)):
+            while self._ahead.shape[1] < count:
+                self._ahead = np.concatenate([self._ahead, self._move()], axis=1)
+            (q, dq, ddq), self._ahead = np.split(self._ahead, [count], axis=1)
+            t = self.t + np.arange(count) / RATE
+            self.t += count / RATE
+            # the torque that is recorded belongs to a moment before the positions
+            torque = self._torque(q - dq * self.lag, dq - ddq * self.lag, ddq)
+            q = q + self.encoder * self.rng.standard_normal(q.shape)
+            yield Recording("shift", t, q, tau=torque)
 
     def _torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         rigid = self.body.inverse_dynamics(q, dq, ddq)
@@ -185,8 +181,8 @@ class WorkingArm:
         points = self.rng.uniform(-1, 1, (count, self.sheet.n))
         return list(self.sheet.home + span * points)
 
-    def _move(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The next move of the program and the dwell after it; another program now and then."""
+    def _move(self) -> np.ndarray:
+        """The next move of the program and the dwell after it, (3, N, n); another program now and then."""
         if self.t >= self._until:
             self._until = self.t + self.rng.uniform(300.0, 1200.0)
             self._choice = int(self.rng.integers(len(self._programs)))
@@ -203,12 +199,12 @@ class WorkingArm:
         rate = 30 * s**2 * (1 - s) ** 2 / time
         bend = 60 * s * (1 - s) * (1 - 2 * s) / time**2
         way = target - start
-        moved = [start + shape[:, None] * way, rate[:, None] * way, bend[:, None] * way]
+        moved = np.stack([shape, rate, bend])[..., None] * way
         dwell = round(self._stops * self.rng.uniform(0.0, 1.0) * RATE)
-        still = np.zeros((dwell, len(way)))
-        held = [target + still, still, still]
-        q, dq, ddq = (np.concatenate(x) for x in zip(moved, held, strict=True))
-        return q, dq, ddq
+        held = np.zeros((3, dwell, len(way)))
+        moved[0] += start
+        held[0] += target
+        return np.concatenate([moved, held], axis=1)
 
 
 def _bodies(
@@ -348,7 +344,7 @@ def stretches(
 def real_changes(recordings: list[Recording], n: int) -> Iterator[Change]:
     """Loads and Coulomb friction that are added to real recordings."""
     torque = np.concatenate([np.asarray(r.tau) for r in recordings])
-    power = np.sqrt((torque**2).mean(axis=0))
+    power = rms(torque)
     for mass in (0.25, 0.5, 1.0, 2.0):
         yield Change("payload", f"load of {mass:g} kg", None, mass)
     for k, share in enumerate((0.05, 0.1, 0.2)):

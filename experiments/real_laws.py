@@ -13,6 +13,7 @@ from scipy.optimize import curve_fit
 
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.blind_check.generator import recorded
 from gapscope.blind_check.generator.laws import UNITS, in_other_units
 from gapscope.blind_check.generator.recorded import (
@@ -65,7 +66,7 @@ class Scene(recorded.Scene):
             change = change - self.needed(changed) + healthy
         edge = int(np.ceil(TRIM * self.rate))
         kept = low_pass(change, self.rate, TORQUE_CUTOFF)[edge:-edge]
-        return np.sqrt((kept**2).mean(axis=0))
+        return rms(kept)
 
 
 SELF_LOCKED = 1e4
