@@ -30,7 +30,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.case import CaseSetup, draw_setup, sheet_of
-from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import (
     Conditions,
@@ -128,8 +127,8 @@ def _recorded(
     setup = replace(setup, motions=motions, ahead=ahead, noise=noise)
     law = LAWS[REMAINDERS[remainder]]
     joints = np.arange(1 if law.joints == "later" else 0, setup.arm.n)
-    cause = Cause(law, joints, law.draw(Draws.of(rng, setup.context, joints)))
-    rows = recorded(setup, setup.plant((cause,)), range(len(KINDS)))
+    plant = setup.plant((law.cause(rng, setup, joints),))
+    rows = recorded(setup, plant, range(len(KINDS)))
     return rows and [
         Recording(f"{kind}_{k}", row["t"], row["q"], row["tau"])
         for k, (kind, row) in enumerate(zip(KINDS, rows, strict=True))

@@ -21,7 +21,7 @@ import tempfile
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -362,13 +362,10 @@ def made(
     for k, spec in enumerate(specs):
         if spec.conditions.robot not in robots:
             continue
-        conditions = replace(
-            spec.conditions,
-            loop_rate=1000,
-            rate=length.rate,
-            recordings=length.recordings,
+        conditions = spec.conditions._replace(
+            loop_rate=1000, rate=length.rate, recordings=length.recordings
         )
-        spec = replace(spec, conditions=conditions)
+        spec = spec._replace(conditions=conditions)
         name = f"case{k:04d}"
         folder, label = out / name, out / "labels" / f"{name}.json"
         yield name, folder, make_generated(spec, (SEED, 2, k), folder, label)

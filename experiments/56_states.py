@@ -34,7 +34,7 @@ from generator_arms import recorded, write_side
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json
 from gapscope.blind_check.generator.case import CaseSetup, draw_setup
-from gapscope.blind_check.generator.law import Cause, Draws
+from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
@@ -127,10 +127,10 @@ class Task:
 def loads(row: str, setup: CaseSetup, rng: np.random.Generator) -> list[list[Cause]]:
     """The load in each of the two recordings of a case."""
     law = LAWS["payload"]
-    first = Cause(law, ARM, law.draw(Draws.of(rng, setup.context, ARM)))
+    first = law.cause(rng, setup, ARM)
     if row == "two_loads":
         while True:
-            other = Cause(law, ARM, law.draw(Draws.of(rng, setup.context, ARM)))
+            other = law.cause(rng, setup, ARM)
             masses = sorted(float(c.values["mass"]) for c in (first, other))
             if 1 - masses[0] / masses[1] > OTHER_MASS:
                 return [[first], [other]]
@@ -193,9 +193,7 @@ def plants(
         if row == "zero_in_one":
             # a zero about the vertical shows in no torque, one of the last joint hardly
             joint = rng.integers(1, n - 2, size=1)
-        causes = [
-            [Cause(law, joint, law.draw(Draws.of(rng, setup.context, joint)))]
-        ] * 2
+        causes = [[law.cause(rng, setup, joint)]] * 2
         if row in IN_ONE:
             causes[int(rng.integers(2))] = []
     today = [setup.plant(several) for several in causes]

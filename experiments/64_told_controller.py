@@ -54,7 +54,7 @@ def made(number: int, folder: Path) -> dict[str, Any] | None:
         return None
     loop, wider = setup.loop, BANDWIDTHS[number // 3 % 3]
     kind = FEEDFORWARDS[number % 3]
-    loop = replace(loop, kp=loop.kp * wider**2, kd=loop.kd * wider, feedforward=kind)
+    loop = loop._replace(kp=loop.kp * wider**2, kd=loop.kd * wider, feedforward=kind)
     torques = []
     for motion in setup.motions:
         needed = needed_torque(setup.arm, setup.model, motion)

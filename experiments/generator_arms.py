@@ -266,8 +266,7 @@ class GeneratorArm:
         """The true arm with a loop of its own gains; what its laws changed stays."""
         plant, loop = copy.copy(self.made.plant), self.made.plant.loop
         own = Tuning(bandwidth).gains(self._inertia)
-        plant.loop = replace(
-            loop,
+        plant.loop = loop._replace(
             rate=RATE,
             kp=own.kp,
             kd=own.kd,
