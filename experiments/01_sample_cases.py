@@ -83,7 +83,6 @@ def main() -> None:
         held_out = load_recording(
             case / "recording_d.csv", load_case(case, read_recordings=False).arm
         )
-        assert held_out.tau is not None
         before = nrmse(held_out.tau, predicted(case, out, None), held_out.rate)
         after = nrmse(
             held_out.tau, predicted(case, out, out / "corrected.yaml"), held_out.rate

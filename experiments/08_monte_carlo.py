@@ -21,7 +21,7 @@ other motions, by least squares in the law that was chosen; of sharp Coulomb fri
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -94,7 +94,6 @@ ENCODER = 1e-3
 
 def noised(recording: Recording, level: float, rng: np.random.Generator) -> Recording:
     """A recording with the noise of one run."""
-    assert recording.tau is not None
     q = recording.q + ENCODER * level * rng.standard_normal(recording.q.shape)
     spread = level * recording.tau.std(axis=0)
     return replace(
@@ -118,8 +117,7 @@ TICKS = 4000.0
 a step."""
 
 
-@dataclass(frozen=True)
-class World:
+class World(NamedTuple):
     """A simulated truth.
 
     Attributes:
@@ -155,7 +153,6 @@ class World:
         for recording in recordings:
             (segment,) = condition(recording, POSITION_CUTOFF)
             matrix = self.regressor.matrix(segment.motion)
-            assert segment.torque is not None
             both = np.concatenate([matrix, segment.torque[..., None]], axis=2)
             filtered = low_pass(both.reshape(len(both), -1), RATE, CUTOFF)[
                 segment.inner
@@ -260,8 +257,7 @@ FORMS: dict[str, Form] = {
 """Friction of a joint by speed, position, Coulomb c and viscous b."""
 
 
-@dataclass(frozen=True)
-class FormArm:
+class FormArm(NamedTuple):
     """An arm of n joints: its model, bodies, rotors, Coulomb and viscous friction."""
 
     model: NominalArm

@@ -34,7 +34,7 @@ def plain(
     """Torque of a plain fit on both segments, in the band [N m]."""
     law = FrictionLaw()
     x, z = (band.filtered(columns.matrix(s.motion, law), s) for s in (fit, judged))
-    y = band.filtered(np.asarray(fit.torque), fit)
+    y = band.filtered(fit.torque, fit)
     parameters = np.linalg.lstsq(x.reshape(-1, x.shape[2]), y.ravel(), rcond=1e-9)[0]
     return x @ parameters, z @ parameters
 
@@ -57,7 +57,7 @@ def table(
     band: Band,
 ) -> None:
     """Print the errors of one model; predictions in the band on every row, (N, 6)."""
-    torque = [band.filtered(np.asarray(s.torque), s) for s in (fit, judged)]
+    torque = [band.filtered(s.torque, s) for s in (fit, judged)]
     moving = np.abs(judged.motion.dq) > MOVING
     rows = {
         "fitted": (torque[0] - fitted, torque[0], np.full(fitted.shape, True)),

@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -42,8 +42,7 @@ MAX_JOINTS = 3
 _EXACT = 1e-15
 
 
-@dataclass(frozen=True)
-class SymbolicRegressor:
+class SymbolicRegressor(NamedTuple):
     """Y(q, dq, ddq) in closed form, tau = Y pi, of an arm of n joints.
 
     pi stacks the links' inertial parameters in joint order and in the order of

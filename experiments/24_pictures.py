@@ -22,9 +22,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -198,8 +198,7 @@ COLUMNS = 3
 """Panels in a row."""
 
 
-@dataclass(frozen=True)
-class Panel:
+class Panel(NamedTuple):
     """One drawn effect: where it acts, with which values, seen on which joint over which quantity.
 
     ``dry`` is False if the steps of the nominal dry friction at each reversal would hide the rest.

@@ -16,9 +16,8 @@ import sys
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from common import (
@@ -146,8 +145,7 @@ def _row(plan: Planned, truth: dict[str, Any], gap: dict[str, Any]) -> tuple[str
     )
 
 
-@dataclass(frozen=True)
-class Scored:
+class Scored(NamedTuple):
     """A case with its truth, its result and how they compare.
 
     Attributes:

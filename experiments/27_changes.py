@@ -116,7 +116,6 @@ class Outcome:
     @property
     def value(self) -> tuple[float, float]:
         """Relative error of the parameter that is judged [1], and over its standard deviation."""
-        assert self.hit is not None and self.truth is not None
         found = self.hit["parameters"].get(self.truth.parameter)
         if found is None:
             return 1.0, np.inf
@@ -127,7 +126,6 @@ class Outcome:
     @property
     def inside(self) -> bool:
         """Whether the interval holds the moment."""
-        assert self.hit is not None and self.truth is not None
         low, high = self.hit["interval"]
         return bool(low <= self.truth.moment <= high)
 

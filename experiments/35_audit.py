@@ -89,7 +89,6 @@ def shifted(description: Description, masses_alone: bool) -> Iterator[Descriptio
             givers = np.roll(np.arange(len(links)), step)
             for link, giver in zip(links, givers, strict=True):
                 own, given = link.inertial, links[int(giver)].inertial
-                assert own is not None and given is not None
                 changed[link.name] = (
                     replace(own, mass=given.mass) if masses_alone else given
                 )

@@ -111,7 +111,7 @@ def without_gravity(case: Case, rng: np.random.Generator) -> Case:
     def spoilt(recording: Recording) -> Recording:
         still = np.zeros_like(recording.q)
         pull = vendor.inverse_dynamics(recording.q, still, still)
-        return replace(recording, tau=np.asarray(recording.tau) - pull)
+        return replace(recording, tau=recording.tau - pull)
 
     return replace(case, recordings=tuple(spoilt(r) for r in case.recordings))
 
@@ -491,7 +491,6 @@ def zeros_part(folder: Path) -> Iterator[tuple[str, str, str, str]]:
             for angle in ANGLES:
                 fault = ZeroOffset((joint,), float(np.deg2rad(angle)))
                 spoilt = with_fault(case, fault)
-                assert spoilt is not None
                 label = f"zero_offset {joint} {angle:g}"
                 yield case.name, f"joint {joint}", label, _zeros(spoilt)
 

@@ -28,7 +28,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from common import CASES, command_line, markdown, run_missing
@@ -64,8 +64,7 @@ NOISES = {"white": (), "red": (0.95,), "long": (0.9, 0.99, 0.999)}
 """Colours of the torque's noise: coefficients of the first-order filters whose sum it is."""
 
 
-@dataclass(frozen=True)
-class Change:
+class Change(NamedTuple):
     """What changes on an arm, n joints.
 
     Attributes:
@@ -343,7 +342,7 @@ def stretches(
 
 def real_changes(recordings: list[Recording], n: int) -> Iterator[Change]:
     """Loads and Coulomb friction that are added to real recordings."""
-    torque = np.concatenate([np.asarray(r.tau) for r in recordings])
+    torque = np.concatenate([r.tau for r in recordings])
     power = rms(torque)
     for mass in (0.25, 0.5, 1.0, 2.0):
         yield Change("payload", f"load of {mass:g} kg", None, mass)
@@ -370,13 +369,12 @@ def with_change(recording: Recording, change: Change, body: RigidBody) -> Record
         one = change.size * np.r_[1.0, 0.0, 0.0, 0.05, np.zeros(6)]
         added = body.link_regressor(body.last_link, q, dq, ddq) @ one
     else:
-        assert change.joint is not None
         added = np.zeros_like(q)
         sign = np.tanh(dq[:, change.joint - 1] / 0.01)
         added[:, change.joint - 1] = change.size * sign
     # convolution bends the ends
     inner = slice(2 * width, -2 * width)
-    changed = replace(recording, tau=np.asarray(recording.tau) + added)
+    changed = replace(recording, tau=recording.tau + added)
     return changed.part(inner)
 
 

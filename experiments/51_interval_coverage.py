@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -75,8 +75,7 @@ LONGEST = (8.0, 12.0)
 """Shortest and longest recording [s]."""
 
 
-@dataclass(frozen=True)
-class Simulated:
+class Simulated(NamedTuple):
     """One simulated case.
 
     Attributes:
@@ -147,8 +146,7 @@ OTHERS = 4
 """Cases of an arm beside those with a load."""
 
 
-@dataclass(frozen=True)
-class Carried:
+class Carried(NamedTuple):
     """One case of a real arm.
 
     Attributes:

@@ -21,7 +21,6 @@ import tempfile
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -97,7 +96,7 @@ def sampled(recording: Columns, rate: float) -> Columns:
 def _noise(series: np.ndarray) -> np.ndarray:
     """Deviation of white noise, by third differences, (n,)."""
     third = np.diff(series, n=3, axis=0)
-    return np.asarray(np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20))
+    return np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20)
 
 
 def _rows(recording: Columns, rows: np.ndarray | slice) -> Columns:
@@ -230,8 +229,7 @@ USUAL_RATE = 500
 ROBOTS = ("small", "xarm6", "ur5_like")
 
 
-@dataclass(frozen=True)
-class Length:
+class Length(NamedTuple):
     """Which cases are made, and how long they are recorded.
 
     Attributes:
@@ -254,8 +252,7 @@ USUAL, SHORT, LONG = Length(8.0), Length(5.0), Length(60.0, cases=12)
 HOUR = Length(1800.0, 100, 2, 1, ("payload",), ("small",))
 
 
-@dataclass(frozen=True)
-class Damage:
+class Damage(NamedTuple):
     """What is done to the recordings of a case.
 
     Attributes:

@@ -24,7 +24,6 @@ import shutil
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +145,7 @@ def inputs(cases: Path, folder: Path) -> dict[str, Path]:
     for place, recording in zip(parts, files.content["recordings"], strict=False):
         if not place.is_dir():
             content = {**files.content, "recordings": [recording]}
-            replace(files, content=content).write(place)
+            files._replace(content=content).write(place)
     effects.write_text(
         "schema: 1\neffects:\n- {effect: coulomb_friction, joints: [1], parameters: {torque: [2.0]}}\n"
     )

@@ -17,9 +17,9 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -63,8 +63,7 @@ SAMPLES = 9
 LETTERS = "abcd"
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """One comparison of an arm with itself.
 
     Attributes:
@@ -133,7 +132,6 @@ def of_leg(leg: str, out: Path) -> tuple[Case, list[Comparison]]:
     case, (kp, kd) = go2_leg(leg, out / "carriers"), GAINS
     recordings = []
     for r in case.recordings:
-        assert r.q_ref is not None and r.dq_ref is not None and r.dq is not None
         tau = kp * (r.q_ref - r.q) + kd * (r.dq_ref - r.dq)
         recordings.append(replace(r, tau=tau, q_ref=None, dq_ref=None))
     found = []
@@ -189,7 +187,7 @@ def make(groups: Sequence[str], out: Path) -> None:
                 write_sides(one, folder, out)
             planned += found
             print(f"{case.name}: {len(found)} comparisons", flush=True)
-        write_json([asdict(one) for one in planned], plan)
+        write_json([one._asdict() for one in planned], plan)
 
 
 def write_sides(one: Comparison, arm: Path, out: Path) -> None:

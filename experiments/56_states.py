@@ -16,9 +16,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -62,8 +61,7 @@ REPEATED, STEP = 0.05, 4e-4
 ATTEMPTS = 60
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """A row of the table.
 
     Attributes:
@@ -105,8 +103,7 @@ ROWS = {
 }
 
 
-@dataclass(frozen=True)
-class Task:
+class Task(NamedTuple):
     """One diagnosis of a draw of a row."""
 
     row: str
@@ -139,7 +136,7 @@ def loads(row: str, setup: CaseSetup, rng: np.random.Generator) -> list[list[Cau
         side = LEVER * np.array([np.cos(angle), np.sin(angle), 0.0])
         middle = np.array([0.0, 0.0, 0.05])
         places = [{**first.values, "com": middle + s * side} for s in (1, -1)]
-        return [[replace(first, values=values)] for values in places]
+        return [[first._replace(values=values)] for values in places]
     if row == "tool_on_off":
         several: list[list[Cause]] = [[first], []]
         return several if rng.random() < 0.5 else several[::-1]
@@ -258,8 +255,7 @@ def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> N
     run_missing(made, files, jobs, 600.0)
 
 
-@dataclass(frozen=True)
-class Judged:
+class Judged(NamedTuple):
     """A result beside its truth.
 
     Attributes:

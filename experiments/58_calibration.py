@@ -14,11 +14,11 @@ the model of the arm is not true. Resumable: each pair has a result file that is
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from common import command_line, markdown, run_missing, share_text
@@ -57,8 +57,7 @@ FEATURES = 12
 """Waves of which the unknown torque consists."""
 
 
-@dataclass(frozen=True)
-class Unknown:
+class Unknown(NamedTuple):
     """A smooth function of positions and velocities, tau_j = a_j sum_k c_jk cos(w_k . [q, dq] + p_k)."""
 
     waves: np.ndarray
@@ -77,7 +76,7 @@ class Unknown:
     def __call__(self, motion: Motion) -> np.ndarray:
         """Its torque, about 1 in RMS, (N, n)."""
         state = np.hstack([motion.q, motion.dq])
-        return np.asarray(np.cos(state @ self.waves + self.phases) @ self.weights)
+        return np.cos(state @ self.waves + self.phases) @ self.weights
 
 
 def motion(arm: NominalArm, seconds: float, rng: np.random.Generator) -> Motion:

@@ -122,7 +122,7 @@ def write_side(
     """Write a case of some recordings; of a poor data sheet, nobody knows the friction."""
     if poor:
         unknown = np.zeros(setup.arm.n)
-        arm = replace(setup.arm, coulomb=unknown, viscous=unknown)
+        arm = setup.arm._replace(coulomb=unknown, viscous=unknown)
         setup = replace(setup, arm=arm)
     made = MadeCase(setup, setup.plant(()), (), [*rows, rows[-1]], {})
     unseen = folder.with_suffix(".csv")

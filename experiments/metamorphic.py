@@ -10,17 +10,16 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import yaml
 
 
-@dataclass(frozen=True)
-class CaseFiles:
+class CaseFiles(NamedTuple):
     """What a case's folder holds: ``case.yaml``, the URDF, and the recordings by file name."""
 
     content: dict[str, Any]
@@ -115,8 +114,7 @@ class Twin:
         return (-x if is_odd else x) / self.size(unit)
 
 
-@dataclass(frozen=True)
-class Relation:
+class Relation(NamedTuple):
     """A relation between two cases that have the same diagnosis.
 
     Attributes:
@@ -259,12 +257,12 @@ def cut_in_half(case: CaseFiles, rng: np.random.Generator) -> Twin:
         middle = len(table) // 2
         tables[f"first_{name}"] = table.iloc[:middle]
         tables[f"second_{name}"] = table.iloc[middle:]
-    return _with_recordings(replace(case, recordings=tables), list(tables))
+    return _with_recordings(case._replace(recordings=tables), list(tables))
 
 
 def _with_recordings(case: CaseFiles, names: list[str]) -> Twin:
     """The case with a list of its recordings."""
-    return Twin(replace(case, content={**case.content, "recordings": names}))
+    return Twin(case._replace(content={**case.content, "recordings": names}))
 
 
 def _each_table(
@@ -272,7 +270,7 @@ def _each_table(
 ) -> Twin:
     """The case with every recording changed."""
     tables = {name: change(table) for name, table in case.recordings.items()}
-    return Twin(replace(case, recordings=tables))
+    return Twin(case._replace(recordings=tables))
 
 
 def _scaled(case: CaseFiles, factor: Callable[[str], float]) -> dict[str, pd.DataFrame]:
@@ -325,8 +323,7 @@ NO_SCATTER = 1e-3
 """Least standard deviation of a value in a comparison, over the value [1]: a step of an encoder has none."""
 
 
-@dataclass(frozen=True)
-class Difference:
+class Difference(NamedTuple):
     """What differs between a case and its twin.
 
     Attributes:

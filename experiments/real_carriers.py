@@ -9,9 +9,9 @@ side. The motion of a recording comes from filters of its own, not from the cond
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -62,7 +62,7 @@ def write_piece(case: Case, folder: Path) -> None:
 def on_motor_side(recording: Recording, matrix: np.ndarray) -> Recording:
     """q_motor = R q_joint and tau_motor = R^-T tau_joint, with R (n, n) of the case format."""
     dq = None if recording.dq is None else recording.dq @ matrix.T
-    torque = np.asarray(recording.tau) @ np.linalg.inv(matrix)
+    torque = recording.tau @ np.linalg.inv(matrix)
     return replace(recording, q=recording.q @ matrix.T, dq=dq, tau=torque)
 
 
@@ -104,7 +104,7 @@ def identified(case: Case, other: Case, folder: Path) -> None:
     for recording in other.recordings:
         motion = smooth_motion(recording)
         extra = full.predict(body, motion) - plain.predict(body, motion)
-        torque = np.asarray(recording.tau) - at_samples(extra, motion, recording.t)
+        torque = recording.tau - at_samples(extra, motion, recording.t)
         recordings.append(replace(recording, tau=torque))
     healthy = replace(other, arm=arm, recordings=tuple(recordings))
     write_piece(healthy, folder)
@@ -236,7 +236,7 @@ def _put_right(case: Case) -> Case:
     """The KUKA: its torques count the other way than its URDF, whose friction is a placeholder."""
     n = case.arm.n_joints
     arm = replace(case.arm, coulomb=np.zeros(n), viscous=np.zeros(n))
-    turned = tuple(replace(r, tau=-np.asarray(r.tau)) for r in case.recordings)
+    turned = tuple(replace(r, tau=-r.tau) for r in case.recordings)
     return replace(case, arm=arm, recordings=turned)
 
 
@@ -308,8 +308,7 @@ def rows(recording: Recording, chosen: np.ndarray, name: str) -> Recording:
     return replace(part, t=part.t - part.t[0])
 
 
-@dataclass(frozen=True)
-class Prepared:
+class Prepared(NamedTuple):
     """What was prepared of one carrier and one cut of it.
 
     Attributes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -132,7 +132,20 @@ def _columns(
         for j in joints:
             own = np.where(np.arange(n) == j - 1, change, 0.0)
             out.append(((effect, j), own))
-    for applied in _single(n):
+    # one column each: encoders and the base, and all links but the last, whose mass is the payload's
+    single = (
+        *(
+            AppliedEffect("encoder_offset", (j,), {"offset": np.array([1e-4])})
+            for j in joints
+        ),
+        _on_arm("base_tilt", roll=1e-4, pitch=0.0),
+        _on_arm("base_tilt", roll=0.0, pitch=1e-4),
+        *(
+            _on_arm("link_inertia", link=float(j), mass=1e-3, com=np.zeros(3))
+            for j in joints[:-1]
+        ),
+    )
+    for applied in single:
         # a link's column is told by its link, a joint's by its joint, the base's by 0
         joint = int(applied.parameters.get("link", (*applied.joints, 0)[0]))
         out.append(((applied.name, joint), predicted(applied) - nominal))
@@ -142,16 +155,6 @@ def _columns(
     weight, *shifted = (predicted(payload) - nominal for payload in payloads)
     moved = (weight, *(y - weight for y in shifted))
     return out + [(("payload", 0), x) for x in moved]
-
-
-def _single(n: int) -> Iterator[AppliedEffect]:
-    """Effects of one column each: encoders and the base, and all links but the last, whose mass is the payload's."""
-    for j in range(1, n + 1):
-        yield AppliedEffect("encoder_offset", (j,), {"offset": np.array([1e-4])})
-    yield _on_arm("base_tilt", roll=1e-4, pitch=0.0)
-    yield _on_arm("base_tilt", roll=0.0, pitch=1e-4)
-    for j in range(1, n):
-        yield _on_arm("link_inertia", link=float(j), mass=1e-3, com=np.zeros(3))
 
 
 def _on_arm(name: str, **values: float | np.ndarray) -> AppliedEffect:

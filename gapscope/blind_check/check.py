@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 import secrets
 import shutil
@@ -501,9 +500,30 @@ def run(
             "restore the missing ones, or make the set again",
             file=cases,
         )
-    _freeze(out, commitment)
+    # what the run is fixed by, or what an earlier part of the run was fixed by
+    now = {"schema": 1, "labels_sha256": commitment["labels_sha256"], **frozen()}
+    fixed = out / FROZEN
+    if not fixed.is_file():
+        write_json(now, fixed)
+    before = read_json(fixed, "choose another folder with --out")
+    # thresholds are part of the source; libraries are recorded, not held
+    for key, what in (
+        ("labels_sha256", "these are results on another set"),
+        ("source_sha256", "the source changed"),
+    ):
+        if before[key] != now[key]:
+            raise InputError(
+                f"{what} since this run was begun",
+                "choose another folder with --out",
+                file=fixed,
+            )
     # cases that failed stay to do
-    todo = [folder for folder in folders if not _finished(out / folder.name)]
+    done_files = {folder: out / folder.name / DONE for folder in folders}
+    todo = [
+        folder
+        for folder, file in done_files.items()
+        if not file.is_file() or read_json(file, "remove it")["error"] is not None
+    ]
     done = len(folders) - len(todo)
     failed = 0
     work = (delayed(_diagnosed)(folder, out / folder.name) for folder in todo)
@@ -515,38 +535,12 @@ def run(
         progress(f"{done} of {len(folders)} done, {name}{why}")
     # after the last case: hashes of all of them, failed ones too, and once more of the source, so that the scorer sees
     # what was touched
-    content = json.loads((out / FROZEN).read_text(encoding="utf-8"))
+    content = read_json(fixed, "choose another folder with --out")
     names = (folder.name for folder in folders)
     content["diagnoses"] = {name: diagnosis_hash(out / name) for name in names}
     content["source_sha256_at_the_end"] = source_hash()
-    write_json(content, out / FROZEN)
+    write_json(content, fixed)
     return failed
-
-
-def _freeze(out: Path, commitment: dict[str, Any]) -> None:
-    """Write what the run is fixed by, or compare it with what an earlier part of the run was fixed by."""
-    now = {"schema": 1, "labels_sha256": commitment["labels_sha256"], **frozen()}
-    file = out / FROZEN
-    if not file.is_file():
-        write_json(now, file)
-        return
-    before = read_json(file, "choose another folder with --out")
-    # thresholds are part of the source; libraries are recorded, not held
-    for key, what in (
-        ("labels_sha256", "these are results on another set"),
-        ("source_sha256", "the source changed"),
-    ):
-        if before[key] != now[key]:
-            raise InputError(
-                f"{what} since this run was begun",
-                "choose another folder with --out",
-                file=file,
-            )
-
-
-def _finished(folder: Path) -> bool:
-    file = folder / DONE
-    return file.is_file() and read_json(file, "remove it")["error"] is None
 
 
 def _diagnosed(case: Path, out: Path) -> tuple[str, str]:

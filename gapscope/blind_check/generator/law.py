@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -82,8 +82,7 @@ Draw = Callable[[Draws], LawValues]
 Act = Callable[[TrueArm, np.ndarray, LawValues], None]
 
 
-@dataclass(frozen=True)
-class Law:
+class Law(NamedTuple):
     """One law.
 
     Attributes:
@@ -106,10 +105,10 @@ class Law:
     name: str
     draw: Draw
     act: Act
-    units: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = {}
     powers: Mapping[str, float] | None = None
     joints: str = "some"
-    largest: Mapping[str, float] = field(default_factory=dict)
+    largest: Mapping[str, float] = {}
     own: bool = True
     measure: str = "torque"
     outside: bool = False
@@ -123,8 +122,7 @@ class Law:
         return Cause(self, joints, self.draw(Draws(rng, whole, joints)))
 
 
-@dataclass(frozen=True)
-class Cause:
+class Cause(NamedTuple):
     """A law with values, at work on some joints.
 
     Attributes:
@@ -148,7 +146,7 @@ class Cause:
             changed[name] = (
                 changed[name] * grown if power > 0 else changed[name] / grown
             )
-        return replace(self, values=changed)
+        return self._replace(values=changed)
 
     def believable(self) -> bool:
         """Whether every value is within what its law allows."""
