@@ -11,21 +11,20 @@ that closes on ``recording_d.csv``: sum over joints of before - after, over sum 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 from time import monotonic
 
 import numpy as np
-from common import command_line
+from common import DATA, command_line
 
 from gapscope.arm.case import load_case
 from gapscope.arm.io.formats.table_files import read_csv
 from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass, torque_scale
 
-ROOT = Path(__file__).resolve().parents[1]
 GAPSCOPE = [sys.executable, "-m", "gapscope"]
 
 
@@ -35,7 +34,7 @@ def nrmse(measured: np.ndarray, predicted: np.ndarray, rate: float) -> np.ndarra
     measured, predicted = (
         low_pass(x, rate, TORQUE_CUTOFF)[edge:-edge] for x in (measured, predicted)
     )
-    return np.sqrt(((measured - predicted) ** 2).mean(axis=0)) / torque_scale(measured)
+    return rms(measured - predicted) / torque_scale(measured)
 
 
 def predicted(case: Path, out: Path, model: Path | None) -> np.ndarray:
@@ -64,7 +63,7 @@ def main() -> None:
     """Run all cases and print a table."""
     parser = command_line(
         __doc__,
-        data=Path(os.environ.get("GAPSCOPE_DATA", ROOT / "../shared/data")),
+        data=DATA,
         out=Path("out/sample_cases"),
     )
     arguments = parser.parse_args()
@@ -84,7 +83,6 @@ def main() -> None:
         held_out = load_recording(
             case / "recording_d.csv", load_case(case, read_recordings=False).arm
         )
-        assert held_out.tau is not None
         before = nrmse(held_out.tau, predicted(case, out, None), held_out.rate)
         after = nrmse(
             held_out.tau, predicted(case, out, out / "corrected.yaml"), held_out.rate

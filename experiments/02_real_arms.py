@@ -11,15 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from common import command_line
+from common import CASES, command_line
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.many.batch import diagnose_path
-
-CASES = Path(__file__).parent / "cases"
 
 
 def tx40_parameters(case: Case, found: Diagnosis) -> None:

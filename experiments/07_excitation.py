@@ -123,7 +123,6 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
         taken = time.process_time() - begun
         matrix = model.matrix(sampled(found.reference, plan.length, RATE))
         d, e = (CRITERIA[name].evaluate(matrix, model.reference) for name in "de")
-        assert found.separated is not None
         values = (condition_number(matrix), d, e, found.separated.least)
         return [*(f(v) for f, v in zip(measures, values, strict=True)), taken]
 

@@ -20,27 +20,28 @@ other motions, by least squares in the law that was chosen; of sharp Coulomb fri
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from common import command_line, markdown
+from common import DATA, command_line, markdown
 from rich.console import Console
 from rich.progress import track
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import workspace
-from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.motions.trajectory import Fourier, motion_of, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.root_mean_square import rms
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import Plan, record_case
@@ -93,7 +94,6 @@ ENCODER = 1e-3
 
 def noised(recording: Recording, level: float, rng: np.random.Generator) -> Recording:
     """A recording with the noise of one run."""
-    assert recording.tau is not None
     q = recording.q + ENCODER * level * rng.standard_normal(recording.q.shape)
     spread = level * recording.tau.std(axis=0)
     return replace(
@@ -117,8 +117,7 @@ TICKS = 4000.0
 a step."""
 
 
-@dataclass(frozen=True)
-class World:
+class World(NamedTuple):
     """A simulated truth.
 
     Attributes:
@@ -154,7 +153,6 @@ class World:
         for recording in recordings:
             (segment,) = condition(recording, POSITION_CUTOFF)
             matrix = self.regressor.matrix(segment.motion)
-            assert segment.torque is not None
             both = np.concatenate([matrix, segment.torque[..., None]], axis=2)
             filtered = low_pass(both.reshape(len(both), -1), RATE, CUTOFF)[
                 segment.inner
@@ -235,7 +233,6 @@ def simulated(effects: tuple[AppliedEffect, ...] = (), dry: bool = False) -> Wor
 # Arms that pinocchio alone moves: bodies off the model's, friction of another form than any law of the model.
 
 
-DATA = Path(os.environ.get("GAPSCOPE_DATA", ""))
 FORM_ARMS: dict[str, str | Path] = {
     "kuka_iiwa": "kuka_iiwa",
     "franka_panda": "franka_panda",
@@ -260,8 +257,7 @@ FORMS: dict[str, Form] = {
 """Friction of a joint by speed, position, Coulomb c and viscous b."""
 
 
-@dataclass(frozen=True)
-class FormArm:
+class FormArm(NamedTuple):
     """An arm of n joints: its model, bodies, rotors, Coulomb and viscous friction."""
 
     model: NominalArm
@@ -285,33 +281,25 @@ class FormArm:
             model, bodies, 0.02 + 0.02 * parts[0], 0.3 * parts[1], 0.3 * parts[2]
         )
 
-    def motions(
-        self, rng: np.random.Generator, count: int
-    ) -> list[tuple[np.ndarray, ...]]:
-        """Time, position, velocity, acceleration of random Fourier motions."""
+    def motions(self, rng: np.random.Generator, count: int) -> list[Motion]:
+        """Random Fourier motions."""
         body = RigidBody(self.model)
         limits = urdf_limits(body, 6.0)
         limits = limits._replace(velocity=np.minimum(limits.velocity, FASTEST))
         centre, t = workspace(body).posture, np.arange(0, LONG, 1 / RATE)
-        out = []
-        for _ in range(count):
-            motion = Fourier.random(
-                rng, limits, duration=LONG, centre=centre, frequency=1 / LONG
-            )
-            out.append(
-                (t, motion.position(t), motion.velocity(t), motion.acceleration(t))
-            )
-        return out
+        how = {"duration": LONG, "centre": centre, "frequency": 1 / LONG}
+        return [motion_of(Fourier.random(rng, limits, **how), t) for _ in range(count)]
 
     def recorded(
-        self, form: Form, level: float, motions: list[tuple[np.ndarray, ...]]
+        self, form: Form, level: float, motions: list[Motion]
     ) -> tuple[Recording, ...]:
         """Recordings of motions with noise; the torque is pinocchio's."""
         body, rng, out = RigidBody(self.model), np.random.default_rng(0), []
-        for k, (t, q, v, a) in enumerate(motions):
-            friction = form(v, q, self.coulomb, self.viscous)
-            tau = body.regressor(q, v, a) @ self.bodies + self.rotors * a + friction
-            out.append(noised(Recording(f"{k}", t, q, tau), level, rng))
+        for k, m in enumerate(motions):
+            friction = form(m.dq, m.q, self.coulomb, self.viscous)
+            rigid = body.regressor(m.q, m.dq, m.ddq) @ self.bodies
+            tau = rigid + self.rotors * m.ddq + friction
+            out.append(noised(Recording(f"{k}", m.t, m.q, tau), level, rng))
         return tuple(out)
 
 
@@ -320,15 +308,12 @@ FORM_LEVELS, OTHERS = (0.001, 0.01, 0.1), 40
 
 
 def form_truth(
-    arm: FormArm,
-    fitted: FittedParameters,
-    form: str,
-    others: list[tuple[np.ndarray, ...]],
+    arm: FormArm, fitted: FittedParameters, form: str, others: list[Motion]
 ) -> np.ndarray:
     """True base parameters of what was fitted, (b,)."""
     law = replace(fitted.choice.law, presliding=None)
     names = fitted.columns.names(law)
-    q, v = (np.concatenate([motion[k] for motion in others]) for k in (1, 2))
+    q, v = (np.concatenate([getattr(m, x) for m in others]) for x in ("q", "dq"))
     friction = FORMS[form](v, q, arm.coulomb, arm.viscous)
     value = dict(zip(names, arm.bodies, strict=False))
     for j, columns in enumerate(
@@ -483,16 +468,16 @@ def comparison(
         estimated(LEVELS[place], simulating, experiment.build(recordings))
     judged = world.reduced(world.problem(world.judge))
     fitted = world.reduced(world.problem(world.fit))
-    rms = np.sqrt((fitted.matrix**2).mean(axis=(0, 1)))
+    size = rms(fitted.matrix, (0, 1))
 
     def cell(values: list[np.ndarray]) -> str:
         """Bias, standard deviation and torque RMSE [mN m]; empty before the second run."""
         if len(values) < 2:
             return ""
-        bias = (np.mean(values, axis=0) - world.truth) * rms
-        spread = np.std(values, axis=0, ddof=1) * rms
-        errors = [np.sqrt((judged.residual(value) ** 2).mean()) for value in values]
-        figures = *(np.sqrt((x**2).mean()) for x in (bias, spread)), np.mean(errors)
+        bias = (np.mean(values, axis=0) - world.truth) * size
+        spread = np.std(values, axis=0, ddof=1) * size
+        errors = [rms(judged.residual(value), None) for value in values]
+        figures = rms(bias), rms(spread), np.mean(errors)
         return " / ".join(f"{1e3 * figure:.1f}" for figure in figures)
 
     rows = []

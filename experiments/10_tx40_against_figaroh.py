@@ -17,7 +17,7 @@ from time import perf_counter, process_time
 
 import numpy as np
 from benchmarks.child import FIGAROH, figaroh_fit, install
-from common import command_line
+from common import CASES, command_line
 
 from gapscope.arm.case import load_case
 from gapscope.ident.identification import (
@@ -27,8 +27,6 @@ from gapscope.ident.identification import (
 from gapscope.ident.samples import MOVING, Band, FrictionLaw, ModelColumns
 from gapscope.model.conditioning import Segment
 
-HERE = Path(__file__).parent
-
 
 def plain(
     columns: ModelColumns, fit: Segment, judged: Segment, band: Band
@@ -36,7 +34,7 @@ def plain(
     """Torque of a plain fit on both segments, in the band [N m]."""
     law = FrictionLaw()
     x, z = (band.filtered(columns.matrix(s.motion, law), s) for s in (fit, judged))
-    y = band.filtered(np.asarray(fit.torque), fit)
+    y = band.filtered(fit.torque, fit)
     parameters = np.linalg.lstsq(x.reshape(-1, x.shape[2]), y.ravel(), rcond=1e-9)[0]
     return x @ parameters, z @ parameters
 
@@ -59,7 +57,7 @@ def table(
     band: Band,
 ) -> None:
     """Print the errors of one model; predictions in the band on every row, (N, 6)."""
-    torque = [band.filtered(np.asarray(s.torque), s) for s in (fit, judged)]
+    torque = [band.filtered(s.torque, s) for s in (fit, judged)]
     moving = np.abs(judged.motion.dq) > MOVING
     rows = {
         "fitted": (torque[0] - fitted, torque[0], np.full(fitted.shape, True)),
@@ -83,7 +81,7 @@ def main() -> None:
     if python is None:
         sys.exit(f"this comparison needs {FIGAROH}")
     start = perf_counter()
-    case = load_case(HERE / "cases" / "staubli_tx40.yaml")
+    case = load_case(CASES / "staubli_tx40.yaml")
     print(f"read in {perf_counter() - start:.2f} s")
     for cutoff in (10.0, 100.0):
         band = Band(cutoff, trim=False)

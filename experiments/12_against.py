@@ -27,7 +27,6 @@ from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import write_json
 from gapscope.blind_check.generator.case import draw_setup
-from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.diagnosis.diagnose_change import diagnose_change, identify_reference
@@ -57,12 +56,7 @@ def make_pair(
         if setup is None:
             continue
         none = np.array([], dtype=int)
-        law = LAWS["payload"]
-        causes = (
-            [Cause(law, none, law.draw(Draws.of(rng, setup.context, none)))]
-            if loaded
-            else []
-        )
+        causes = [LAWS["payload"].cause(rng, setup, none)] if loaded else []
         healthy, today = setup.plant(()), setup.plant(causes)
         for name in ("coulomb", "viscous"):
             today.values[name] = today.values[name] * (

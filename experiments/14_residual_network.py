@@ -14,24 +14,22 @@ one ended. ``--table`` only prints what is there, as Markdown.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, kept, markdown
+from common import CASES, DATA, command_line, kept, markdown
 from generator_arms import recorded
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.case import CaseSetup, draw_setup, sheet_of
-from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import (
     Conditions,
@@ -84,94 +82,69 @@ ATTEMPTS = 20
 """Draws of an arm with its remainder until the loop runs well."""
 
 
-def simulated(
-    arm: str, remainder: str, seed: int, folder: Path
-) -> tuple[list[Trajectory], list[Trajectory]]:
+def simulated(arm: str, remainder: str, folder: Path) -> list[list[Trajectory]]:
     """Trajectories to fit and to judge of an arm with a remainder; its URDF is written into ``folder``."""
-    rng = np.random.default_rng(
-        (14, ARMS.index(arm), list(REMAINDERS).index(remainder), seed)
-    )
+    place = list(REMAINDERS).index(remainder)
+    rng = np.random.default_rng((14, ARMS.index(arm), place, 0))
     for _ in range(ATTEMPTS):
-        setup = _with_motions(draw_setup(Conditions(arm), rng), rng)
+        setup = draw_setup(Conditions(arm), rng)
         recordings = None if setup is None else _recorded(setup, remainder, rng)
-        if setup is not None and recordings is not None:
-            return _trajectories(_nominal(setup, folder), recordings)
+        if setup is None or recordings is None:
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / "robot.urdf"
+        path.write_text(setup.arm.urdf, encoding="utf-8")
+        nominal = load_nominal_arm(path, sheet=sheet_of(setup.arm))
+        parts = recordings[:-JUDGED], recordings[-JUDGED:]
+        return remaining(CorrectedArm(nominal), *parts)
     raise RuntimeError(f"no {arm} with {remainder} ran well in {ATTEMPTS} draws")
 
 
-def _with_motions(
-    setup: CaseSetup | None, rng: np.random.Generator
-) -> CaseSetup | None:
-    """The setup with the motions of ``KINDS``, fed forward with the nominal torque."""
-    if setup is None:
-        return None
+def remaining(
+    corrected: CorrectedArm, *parts: Sequence[Recording]
+) -> list[list[Trajectory]]:
+    """What an arm leaves of recordings in parts, of which the first one says how positions are filtered."""
+    body, cutoff = RigidBody(corrected.arm), position_cutoff(tuple(parts[0]))
+    return [
+        [from_segment(corrected, body, s) for r in own for s in condition(r, cutoff)]
+        for own in parts
+    ]
+
+
+def _recorded(
+    setup: CaseSetup, remainder: str, rng: np.random.Generator
+) -> list[Recording] | None:
+    """Recordings of ``KINDS``, fed forward with the nominal torque, with the remainder on every joint.
+
+    ``None`` if a loop does not run well.
+    """
     motions = [
         draw_motion(kind, setup.arm, DURATION, setup.loop.rate, rng) for kind in KINDS
     ]
     sheet = sheet_of(setup.arm)
     ahead = [nominal_torque(setup.model, sheet, m.t, m.q) for m in motions]
     noise = [setup.healthy.noise * rng.standard_normal(m.q.shape) for m in motions]
-    return replace(setup, motions=motions, kinds=list(KINDS), ahead=ahead, noise=noise)
-
-
-def _recorded(
-    setup: CaseSetup, remainder: str, rng: np.random.Generator
-) -> list[Recording] | None:
-    """The recordings with the remainder on every joint; ``None`` if a loop does not run well."""
+    setup = replace(setup, motions=motions, ahead=ahead, noise=noise)
     law = LAWS[REMAINDERS[remainder]]
     joints = np.arange(1 if law.joints == "later" else 0, setup.arm.n)
-    cause = Cause(law, joints, law.draw(Draws.of(rng, setup.context, joints)))
-    rows = recorded(setup, setup.plant((cause,)), range(len(KINDS)))
+    plant = setup.plant((law.cause(rng, setup, joints),))
+    rows = recorded(setup, plant, range(len(KINDS)))
     return rows and [
         Recording(f"{kind}_{k}", row["t"], row["q"], row["tau"])
         for k, (kind, row) in enumerate(zip(KINDS, rows, strict=True))
     ]
 
 
-def _nominal(setup: CaseSetup, folder: Path) -> NominalArm:
-    """The nominal arm, with its URDF in a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "robot.urdf"
-    path.write_text(setup.arm.urdf, encoding="utf-8")
-    return load_nominal_arm(path, sheet=sheet_of(setup.arm))
-
-
-def _trajectories(
-    arm: NominalArm, recordings: list[Recording]
-) -> tuple[list[Trajectory], list[Trajectory]]:
-    """What the nominal arm leaves of each recording, the judging ones apart."""
-    corrected, body = CorrectedArm(arm), RigidBody(arm)
-    cutoff = position_cutoff(tuple(recordings[:-JUDGED]))
-    trajectories = [
-        from_segment(corrected, body, segment)
-        for recording in recordings
-        for segment in condition(recording, cutoff)
-    ]
-    return trajectories[:-JUDGED], trajectories[-JUDGED:]
-
-
 # Networks and trees
 
-CASES = Path(__file__).parent / "cases"
-DATA = Path(os.environ.get("GAPSCOPE_DATA", CASES.parents[1] / "../shared/data"))
 FITTED = 0.6
 """Share of a single recording that is used to fit."""
 EVEN = 1.01
 """A network is no worse than trees or nothing up to this ratio of what they leave."""
 
 
-@dataclass(frozen=True)
-class Problem:
-    """Trajectories to train on and to judge on."""
-
-    fit: list[Trajectory]
-    judge: list[Trajectory]
-
-
-def split(recording: Recording) -> tuple[Recording, Recording]:
-    """The first part of a recording, and the rest."""
-    edge = int(FITTED * len(recording.t))
-    return recording.part(slice(0, edge)), recording.part(slice(edge, None))
+Problem = list[list[Trajectory]]
+"""Trajectories to train on and to judge on."""
 
 
 def diagnosed(
@@ -182,16 +155,7 @@ def diagnosed(
     print(
         f"{name}: {result.document['verdict']}; {', '.join(e.name for e in result.effects) or 'no effects'}\n"
     )
-    corrected, body, cutoff = (
-        CorrectedArm(case.arm, result.effects),
-        RigidBody(case.arm),
-        position_cutoff(tuple(fit)),
-    )
-    parts = [
-        [from_segment(corrected, body, s) for r in rs for s in condition(r, cutoff)]
-        for rs in (fit, judge)
-    ]
-    return Problem(*parts)
+    return remaining(CorrectedArm(case.arm, result.effects), fit, judge)
 
 
 def problems(out: Path) -> dict[str, Callable[[], Problem]]:
@@ -199,20 +163,19 @@ def problems(out: Path) -> dict[str, Callable[[], Problem]]:
 
     def ur10() -> Problem:
         case = load_case(CASES / "ur10.yaml", data_root=DATA)
-        first, rest = split(case.recordings[0])
+        only = case.recordings[0]
+        edge = int(FITTED * len(only.t))
+        first, rest = only.part(slice(0, edge)), only.part(slice(edge, None))
         return diagnosed("ur10", case, [first], [rest])
 
     def tx40() -> Problem:
         case = load_case(CASES / "staubli_tx40.yaml", data_root=DATA)
         return diagnosed("staubli_tx40", case, case.recordings, case.judged)
 
-    def of_generator(arm: str, remainder: str) -> Callable[[], Problem]:
-        return lambda: Problem(
-            *simulated(arm, remainder, 0, out / f"{remainder}_{arm}")
-        )
-
     found = {
-        f"{remainder}_{arm}": of_generator(arm, remainder)
+        f"{remainder}_{arm}": partial(
+            simulated, arm, remainder, out / f"{remainder}_{arm}"
+        )
         for remainder in REMAINDERS
         for arm in ARMS
     }
@@ -221,19 +184,20 @@ def problems(out: Path) -> dict[str, Callable[[], Problem]]:
 
 def study(problem: Problem, path: Path) -> dict[str, Any]:
     """Train and judge the network and the trees, with the physics apart and, for the price of it, not."""
+    fit, judge = problem
     start = time.process_time()
-    residual, fitted = fit_residual(problem.fit, ResidualSettings())
+    residual, fitted = fit_residual(fit, ResidualSettings())
     seconds = time.process_time() - start
     write_residual(residual, path)
-    left = {"nothing": torque_left(problem.judge, None)}
-    left["network"] = torque_left(problem.judge, residual.torque)
+    left = {"nothing": torque_left(judge, None)}
+    left["network"] = torque_left(judge, residual.torque)
     for apart in APART:
         own = ResidualSettings(apart=apart)
-        trees = boosted_trees(rows_of(problem.fit, own))
-        left[f"trees_{apart}"] = torque_left(problem.judge, trees)
+        trees = boosted_trees(rows_of(fit, own))
+        left[f"trees_{apart}"] = torque_left(judge, trees)
         for form in (ADDITIVE, "mlp"):
-            alone, _ = fit_residual(problem.fit, replace(own, form=form))
-            left[f"{form}_{apart}"] = torque_left(problem.judge, alone.torque)
+            alone, _ = fit_residual(fit, replace(own, form=form))
+            left[f"{form}_{apart}"] = torque_left(judge, alone.torque)
     return {
         **left,
         "apart": fitted.apart,
@@ -300,8 +264,7 @@ def _row(own: Sequence[dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     """Study each problem that is not there yet, and print the tables."""
-    parser = command_line(__doc__, out=Path("out/residual"), table=False)
-    parser.add_argument("--only")
+    parser = command_line(__doc__, out=Path("out/residual"), table=False, only=str)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     found = {}

@@ -101,10 +101,7 @@ def panda() -> NominalArm:
     )
 
 
-ROBOTS: dict[str, Callable[[], NominalArm]] = {
-    "iiwa": iiwa,
-    "panda": panda,
-}
+ROBOTS: dict[str, Callable[[], NominalArm]] = {"iiwa": iiwa, "panda": panda}
 MODELS = {
     "pd": "pd",
     "gravity": "gravity",
@@ -142,27 +139,16 @@ def find_models(folder: Path) -> None:
 
 def learn(folder: Path) -> None:
     """Train a network on what the diagnosis of a case leaves, and write the corrected arm with it."""
-    case, effects = (
-        load_case(folder / "case"),
-        read_corrected(folder / MODELS["corrected"]),
-    )
-    corrected, body, cutoff = (
-        CorrectedArm(case.arm, effects),
-        RigidBody(case.arm),
-        position_cutoff(case.recordings),
-    )
-    parts = [
-        from_segment(corrected, body, s)
-        for r in case.recordings
-        for s in condition(r, cutoff)
-    ]
-    write_residual(
-        fit_residual(parts, ResidualSettings())[0],
-        folder / "diagnosis" / "residual.npz",
-    )
-    write_corrected(
-        case.name, effects, folder / MODELS["corrected + network"], "residual.npz"
-    )
+    case = load_case(folder / "case")
+    effects = read_corrected(folder / MODELS["corrected"])
+    corrected, body = CorrectedArm(case.arm, effects), RigidBody(case.arm)
+    cutoff = position_cutoff(case.recordings)
+    segments = [s for r in case.recordings for s in condition(r, cutoff)]
+    parts = [from_segment(corrected, body, segment) for segment in segments]
+    network, _ = fit_residual(parts, ResidualSettings())
+    write_residual(network, folder / "diagnosis" / "residual.npz")
+    with_network = folder / MODELS["corrected + network"]
+    write_corrected(case.name, effects, with_network, "residual.npz")
 
 
 # Models fed forward
@@ -304,11 +290,9 @@ def agent_cell(
     warnings.simplefilter("ignore")
     file = agent_file(model, agent, seed, out)
     folder, base = arms / ROBOT / str(seed), model.split(" + rand")[0]
-    settings = (
-        read_settings("ppo")
-        if agent == GAINS
-        else read_settings(RESIDUAL if agent == "ppo" else agent, **AS_THEN)
-    )
+    settings = read_settings("ppo")
+    if agent != GAINS:
+        settings = read_settings(RESIDUAL if agent == "ppo" else agent, **AS_THEN)
     settings = replace(settings, steps=steps or settings.steps, seed=seed)
     settings = settings.randomised() if model == RANDOMISED else settings
     truth = read_corrected(folder / "truth.yaml")
@@ -358,21 +342,15 @@ def show_agents(cells: Cells) -> None:
         rows = []
         for model in TRIED:
             found = [value for key, value in own.items() if key[0] == model]
-            if found:
-                rows.append(agent_row(model, found))
+            if not found:
+                continue
+            last = [value["curve"][-1]["hidden"]["joint_error"] for value in found]
+            ends = ["lost" if one is None else f"{1e3 * one:.3g}" for one in last]
+            texts = [model, *(spread(found, x) for x in ("untrained", "trained"))]
+            after = ", ".join(str(value["kept"]) for value in found)
+            rows.append([*texts, after, ", ".join(ends)])
         head = ("model", "untrained", "agent kept", "kept after", "last round")
         print(markdown(head, rows))
-
-
-def agent_row(model: str, found: Sequence[Any]) -> list[str]:
-    """A row of the table."""
-    last = [value["curve"][-1]["hidden"]["joint_error"] for value in found]
-    return [
-        model,
-        *(spread(found, state) for state in ("untrained", "trained")),
-        ", ".join(str(value["kept"]) for value in found),
-        ", ".join("lost" if one is None else f"{1e3 * one:.3g}" for one in last),
-    ]
 
 
 def spread(found: Sequence[Any], state: str) -> str:
@@ -395,8 +373,8 @@ def on_top_of_models() -> None:
         arms=Path("out/feedforward"),
         out=Path("out/agents"),
         table=False,
+        steps=int,
     )
-    parser.add_argument("--steps", type=int)
     arguments = parser.parse_args()
     agents, models = arguments.agents.split(","), arguments.models.split(",")
     if unknown := set(models) - set(TRIED):
@@ -438,15 +416,6 @@ WANTED = 1e-3
 """Joint error for which the table says what bandwidth it takes [rad]."""
 RESOLUTION = 1.05
 """The search for the largest stable bandwidth ends when its interval is this narrow [1]."""
-
-
-def prepare_generated(number: int, folder: Path) -> GeneratorArm:
-    """An arm by its number, recorded in its simulator; from the files alone it is identified, diagnosed, learnt."""
-    arm = GeneratorArm(number)
-    if not (folder / "case").is_dir():
-        arm.write(folder)
-    find_models(folder)
-    return arm
 
 
 def trained_agent(
@@ -597,8 +566,8 @@ def other_simulator() -> None:
         steps=20480,
         out=Path("out/other_simulator"),
         table=False,
+        picture=Path,
     )
-    parser.add_argument("--picture", type=Path)
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     numbers = [int(number) for number in arguments.arms.split(",")]
@@ -611,7 +580,11 @@ def other_simulator() -> None:
         if not file.is_file() and not arguments.table:
             if number not in arms:
                 here.mkdir(parents=True, exist_ok=True)
-                arms[number] = prepare_generated(number, here)
+                arms[number] = GeneratorArm(number)
+                if not (here / "case").is_dir():
+                    arms[number].write(here)
+                # recorded in its simulator; from the files alone all models follow
+                find_models(here)
                 arms[number].open(here)
             fed = feeds(name, number, arguments.steps, arms[number], here)
             write_json(bandwidth_cell(fed, arms[number]), file)
@@ -623,12 +596,5 @@ def other_simulator() -> None:
         draw_bandwidths(cells, arguments.picture)
 
 
-PARTS = {
-    "models": models,
-    "agents": on_top_of_models,
-    "other_simulator": other_simulator,
-}
-"""What the first word of the command line may be."""
-
 if __name__ == "__main__":
-    run_part(__doc__, PARTS)
+    run_part(__doc__, models, other_simulator, agents=on_top_of_models)

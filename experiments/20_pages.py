@@ -312,12 +312,5 @@ def scripts() -> None:
     (ROOT / "experiments/README.md").write_text(scripts_page(), encoding="utf-8")
 
 
-PARTS = {
-    "catalogue": catalogue,
-    "reference": reference,
-    "scripts": scripts,
-}
-"""What the first word of the command line may be."""
-
 if __name__ == "__main__":
-    run_part(__doc__, PARTS)
+    run_part(__doc__, catalogue, reference, scripts)

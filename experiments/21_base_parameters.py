@@ -12,16 +12,15 @@ chains with oblique placements and axes.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import numpy as np
 import sympy as sp
-from common import command_line
+from common import DATA, command_line
 from pinocchio import SE3
 
 from gapscope.arm.dynamics.description import (
@@ -43,8 +42,7 @@ MAX_JOINTS = 3
 _EXACT = 1e-15
 
 
-@dataclass(frozen=True)
-class SymbolicRegressor:
+class SymbolicRegressor(NamedTuple):
     """Y(q, dq, ddq) in closed form, tau = Y pi, of an arm of n joints.
 
     pi stacks the links' inertial parameters in joint order and in the order of
@@ -178,10 +176,6 @@ def _exact(values: np.ndarray) -> sp.Matrix:
 
 # Counts and differences
 
-DATA = Path(
-    os.environ.get("GAPSCOPE_DATA")
-    or Path(__file__).resolve().parents[2] / "shared" / "data"
-)
 KNOWN = {
     "kuka_iiwa": "43-44",
     "franka_panda": "43",

@@ -17,21 +17,20 @@ arm. Saturation shows the torque lost, rounding of the encoder the error of the 
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from common import command_line, run_part
+from common import CASES, DATA, command_line, run_part
 from PIL import Image
 
 from gapscope.arm.case import load_case
@@ -45,7 +44,7 @@ from gapscope.envs.mystery_arm import POSTURE, iiwa
 
 # README and front page
 
-CASE = Path(__file__).parent / "cases" / "ur10.yaml"
+CASE = CASES / "ur10.yaml"
 RECORDING = "ur10/ur10_exciting.db3"
 DEMO_SEED = 3
 """The mystery arm of the front page."""
@@ -141,7 +140,7 @@ def torque_curves(work: Path, joint: int) -> dict[str, np.ndarray]:
     time = recording.t - recording.t[0]
     drawn = np.linspace(*STRETCH, POINTS)
     curves = {"recorded": np.interp(drawn, time, recording.tau[:, joint])}
-    file = Path(os.environ["GAPSCOPE_DATA"]) / RECORDING
+    file = DATA / RECORDING
     for name, model in {
         "nominal": (),
         "corrected": ("--model", work / "corrected.yaml"),
@@ -199,8 +198,7 @@ COLUMNS = 3
 """Panels in a row."""
 
 
-@dataclass(frozen=True)
-class Panel:
+class Panel(NamedTuple):
     """One drawn effect: where it acts, with which values, seen on which joint over which quantity.
 
     ``dry`` is False if the steps of the nominal dry friction at each reversal would hide the rest.
@@ -408,11 +406,5 @@ MOTIONS: dict[str, Callable[[int], Motion]] = {
 """Motions by name."""
 
 
-MAKERS = {
-    "readme": readme,
-    "signatures": signatures,
-}
-"""What the first word of the command line may be."""
-
 if __name__ == "__main__":
-    run_part(__doc__, MAKERS)
+    run_part(__doc__, readme, signatures)

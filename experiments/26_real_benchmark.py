@@ -12,19 +12,17 @@ injected truth closes the gap. ``--results NAME`` keeps the results of several v
 
 from __future__ import annotations
 
-import argparse
 import sys
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from common import (
     Progress,
-    Wanted,
+    grouped,
     run_missing,
     run_tasks,
     stated,
@@ -51,7 +49,6 @@ from real_cases import (
     reference_of,
     truth_file,
 )
-from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -148,8 +145,7 @@ def _row(plan: Planned, truth: dict[str, Any], gap: dict[str, Any]) -> tuple[str
     )
 
 
-@dataclass(frozen=True)
-class Scored:
+class Scored(NamedTuple):
     """A case with its truth, its result and how they compare.
 
     Attributes:
@@ -218,28 +214,22 @@ def _overview(
     title: str, cases: Sequence[Scored], key: Callable[[Scored], str]
 ) -> Table:
     """One row for each value of a key."""
-    head = ("", "cases", "healthy: named", "first answer", "exact set", "joints")
+    head = ("cases", "healthy: named", "first answer", "exact set", "joints")
     head = (*head, "parameter error", "seconds: median, worst", "failed")
-    groups: dict[str, list[Scored]] = {}
-    for case in cases:
-        groups.setdefault(key(case), []).append(case)
-    rows = [(name, *_figures(groups[name])) for name in sorted(groups)]
-    return Table(title, head, tuple(rows))
+    return grouped(title, head, cases, key, _figures)
 
 
 def _figures(cases: Sequence[Scored]) -> tuple[str, ...]:
     healthy = [c for c in cases if c.plan.kind == "healthy"]
     faulty = [c.compared for c in cases if c.plan.kind != "healthy"]
-    joints = [right for c in faulty for right in c.joints]
     errors = [e for c in faulty for e in c.errors]
     seconds = [float(c.result["cpu_seconds"]) for c in cases]
     failed = sum(c.result["status"] != "done" for c in cases)
     return (
-        str(len(cases)),
         _share([bool(c.compared.found) for c in healthy]),
         _share([c.top for c in faulty]),
         _share([c.exact for c in faulty]),
-        _share(joints),
+        _share([right for c in faulty for right in c.joints]),
         f"{100 * np.median(errors):.0f} %" if errors else "–",
         f"{np.median(seconds):.0f}, {max(seconds):.0f}",
         str(failed),
@@ -249,15 +239,14 @@ def _figures(cases: Sequence[Scored]) -> tuple[str, ...]:
 def _verdicts(cases: Sequence[Scored]) -> Table:
     """How often each verdict, by kind and mode."""
     names = ("no_gap", "effects_found", "unexplained", "failed")
-    counts: dict[str, Counter[str]] = {}
-    for case in cases:
-        group = f"{case.plan.kind}, {case.plan.mode}"
-        counts.setdefault(group, Counter())[case.compared.verdict] += 1
-    rows = [
-        (group, *(str(counts[group][name]) for name in names))
-        for group in sorted(counts)
-    ]
-    return Table("Verdicts", ("", *names), tuple(rows))
+    counts = Counter((_kind(case), case.compared.verdict) for case in cases)
+    groups = sorted(set(map(_kind, cases)))
+    rows = [(group, *(str(counts[group, x]) for x in names)) for group in groups]
+    return Table("Verdicts", ("", *names), rows)
+
+
+def _kind(case: Scored) -> str:
+    return f"{case.plan.kind}, {case.plan.mode}"
 
 
 def _calibration(cases: Sequence[Scored]) -> Table:
@@ -354,8 +343,8 @@ def score(rows: Sequence[tuple[Planned, dict[str, Any]]], out: Path) -> Sequence
     return score_tables(done) if done else ()
 
 
-def parsed() -> argparse.Namespace:
-    """The arguments."""
+def main() -> None:
+    """Do what the arguments say."""
     parser = study_options(
         __doc__,
         "check",
@@ -369,37 +358,27 @@ def parsed() -> argparse.Namespace:
     parser.add_argument(
         "--per-arm", type=int, default=PER_ARM, help="cases per arm and mode"
     )
-    return parser.parse_args()
-
-
-def main() -> None:
-    """Do what the arguments say."""
-    arguments = parsed()
-    warnings.simplefilter("ignore", ModelWarning)
+    arguments = parser.parse_args()
     arms, modes = arguments.arms.split(","), arguments.modes.split(",")
     unknown = {*arms, *modes} - {*ARMS, *MODES}
     if unknown:
         sys.exit(f"unknown: {', '.join(sorted(unknown))}")
     sizes = [float(size) for size in arguments.sizes.split(",")]
-    number = counts(arguments.per_arm)
-    cases = planned(arms, modes, sizes, number)
-    out, results = arguments.out, arguments.out / arguments.results
-    # a process for each task, each with one thread
-    threadpool_limits(1)
+    cases, out = planned(arms, modes, sizes, counts(arguments.per_arm)), arguments.out
     if arguments.step == "check":
+        warnings.simplefilter("ignore", ModelWarning)
         print(check_table(cases, out, arguments.jobs).markdown())
         return
 
-    def wanted(plan: Planned) -> Wanted:
+    def sides(plan: Planned) -> tuple[Path, Path | None]:
         reference = reference_of(plan, out) if plan.mode == "against" else None
-        case, file = out / "cases" / plan.name, results / f"{plan.name}.json"
-        return Wanted(case, reference, file)
+        return out / "cases" / plan.name, reference
 
     study(
         arguments,
         make=lambda: make(cases, arguments.seed, out, arguments.jobs),
         plans=lambda: cases,
-        wanted=wanted,
+        sides=sides,
         tables=lambda rows: score(rows, out),
     )
 

@@ -21,11 +21,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import command_line, markdown, run_missing, share_text
+from common import CASES, command_line, markdown, run_missing, share_text
 from generator_arms import recorded, write_side
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import ModelWarning
+from gapscope.arm.root_mean_square import rms
 from gapscope.blind_check.generator.arms import ROBOTS
 from gapscope.blind_check.generator.case import CaseSetup, draw_setup
 from gapscope.blind_check.generator.law import Cause
@@ -39,7 +40,6 @@ from gapscope.model.changes import (
     changes_of,
 )
 
-CASES = Path(__file__).parent / "cases"
 REAL = (
     "staubli_tx40",
     "ur10",
@@ -116,7 +116,6 @@ class Outcome:
     @property
     def value(self) -> tuple[float, float]:
         """Relative error of the parameter that is judged [1], and over its standard deviation."""
-        assert self.hit is not None and self.truth is not None
         found = self.hit["parameters"].get(self.truth.parameter)
         if found is None:
             return 1.0, np.inf
@@ -127,7 +126,6 @@ class Outcome:
     @property
     def inside(self) -> bool:
         """Whether the interval holds the moment."""
-        assert self.hit is not None and self.truth is not None
         low, high = self.hit["interval"]
         return bool(low <= self.truth.moment <= high)
 
@@ -202,7 +200,7 @@ def changed(
     run = run | {"tau": np.where(run["t"][:, None] > moment, factor, 1.0) * run["tau"]}
     if kind == FRICTION:
         torque = run["tau"][:, truth.joints[0] - 1]
-        small = truth.size < SMALL * float(np.sqrt(np.mean(torque**2)))
+        small = truth.size < SMALL * rms(torque)
         part = f"{'below' if small else 'from'} {SMALL:.0%} of the torque"
         truth = replace(truth, label=f"{truth.label}, {part}")
     name = f"recording_{'abc'[which]}.csv"

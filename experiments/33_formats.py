@@ -30,6 +30,7 @@ from rich.progress import track
 from rich.table import Table
 
 import gapscope
+from gapscope.arm.reading import interpolated
 
 PAGE = Path(__file__).parents[1] / "docs" / "logs.md"
 EFFECTS = {
@@ -82,17 +83,12 @@ FORMATS = (
 )  # fmt: skip
 
 
-def case_of_page(form: Format) -> dict[str, Any]:
-    """The case that the page shows for a format."""
-    text = PAGE.read_text(encoding="utf-8")
-    section = text.split(f"## {form.heading}\n")[1].split("\n## ")[0]
-    blocks = re.findall(r"```yaml\n(.*?)```", section, re.S)
-    return dict(yaml.safe_load(blocks[form.block]))
-
-
 def case_for(form: Format, base: dict[str, Any]) -> dict[str, Any]:
-    """The same case for the simulated arm: its robot, data sheet and constants."""
-    case = case_of_page(form)
+    """The case that the page shows for a format, with robot, data sheet and constants of the simulated arm."""
+    text = PAGE.read_text(encoding="utf-8")
+    shown = text.split(f"## {form.heading}\n")[1].split("\n## ")[0]
+    blocks = re.findall(r"```yaml\n(.*?)```", shown, re.S)
+    case = dict(yaml.safe_load(blocks[form.block]))
     case |= {key: base[key] for key in ("joints", "nominal", "controller")}
     case |= {"robot": "robot.urdf", "recordings": [form.file]}
     section = case.get("import", {})
@@ -132,9 +128,7 @@ def score(form: Format, folder: Path, motion: writers.Motion) -> list[str]:
     for recording in case.recordings:
         start = motion["t"][0] + shift
         times = recording.t - recording.t[0] + start
-        expected = np.column_stack(
-            [np.interp(times, motion["t"], column) for column in motion["q"].T]
-        )
+        expected = interpolated(times, motion["t"], motion["q"])
         difference = max(difference, float(np.abs(recording.q - expected).max()))
         shift += recording.duration + float(np.median(np.diff(recording.t)))
     channels = [

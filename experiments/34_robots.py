@@ -40,11 +40,10 @@ from common import command_line, markdown, run_missing, run_part
 
 import gapscope
 from gapscope.arm.case import Case
-from gapscope.arm.dynamics.description import Description, read_description
+from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, ModelWarning
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
@@ -64,20 +63,14 @@ STEPS = ("loads", "base", "recorded", "healthy", "found")
 ENDINGS = ("*.urdf", "*.xacro", "*.xml")
 
 
-def longest_chain(tree: Description) -> tuple[str, ...]:
-    """Movable joints on the way from the root to the leaf that has most of them above it."""
-    parents = {joint.parent for joint in tree.joints}
-    leaves = [joint.child for joint in tree.joints if joint.child not in parents]
-    chains = [
-        tuple(joint.name for joint in tree.upwards(leaf) if joint.moves)[::-1]
-        for leaf in leaves
-    ]
-    return max(chains, key=len, default=())
-
-
 def arm_of(file: Path) -> NominalArm:
     """The arm of a file: the part of its longest chain that the page's head describes."""
-    chain = longest_chain(read_description(file))
+    tree = read_description(file)
+    parents = {joint.parent for joint in tree.joints}
+    leaves = [joint.child for joint in tree.joints if joint.child not in parents]
+    # movable joints on the way from the root to each leaf
+    chains = [[j.name for j in tree.upwards(x) if j.moves][::-1] for x in leaves]
+    chain = max(chains, key=len, default=[])
     arm = load_nominal_arm(file, joints=chain or None)
     mass = np.abs(RigidBody(arm).inertial_parameters().reshape(-1, 10)[:, 0])
     moved = mass[::-1].cumsum()[::-1]
@@ -97,16 +90,14 @@ def recorded(arm: NominalArm, joint: int | None) -> Case:
         case = record_case(
             "case", arm, (friction,), FILE_PLAN, np.random.default_rng(1)
         )
-        if all(_follows(recording, joint - 1) for recording in case.recordings):
+        # the joint moves by half of what its reference does
+        moves = (
+            np.ptp(r.q, axis=0) > 0.5 * np.ptp(r.q_ref, axis=0) for r in case.recordings
+        )
+        if all(own[joint - 1] for own in moves):
             break
         torque = torque / 4
     return case
-
-
-def _follows(recording: Recording, j: int) -> bool:
-    """Whether a joint, from 0, moves by half of what its reference does."""
-    assert recording.q_ref is not None
-    return bool(np.ptp(recording.q[:, j]) > 0.5 * np.ptp(recording.q_ref[:, j]))
 
 
 def diagnosed_file(arm: NominalArm, joint: int | None, notes: dict[str, Any]) -> str:
@@ -172,9 +163,8 @@ def as_table(rows: list[dict[str, Any]]) -> str:
 
 def files_part() -> None:
     """Compute the missing rows and print the table."""
-    parser = command_line(files_part.__doc__, out=Path("out/robots"))
+    parser = command_line(files_part.__doc__, out=Path("out/robots"), only=str)
     parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--only")
     args = parser.parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     files = robot_files(args.folder, args.only)
@@ -326,11 +316,5 @@ def effects_part() -> None:
     print(table(rows))
 
 
-PARTS = {
-    "files": files_part,
-    "effects": effects_part,
-}
-"""What the first word of the command line may be."""
-
 if __name__ == "__main__":
-    run_part(__doc__, PARTS)
+    run_part(__doc__, files=files_part, effects=effects_part)

@@ -11,14 +11,13 @@ alarms, and are listed; faults go into the others.
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from common import command_line
+from common import DATA, command_line
 
 from gapscope.arm.dynamics.description import (
     Description,
@@ -47,8 +46,7 @@ def models(folder: Path | None) -> Iterator[tuple[str, Path]]:
     """Name and file of each model."""
     for name in KNOWN_ROBOTS:
         yield name, find_robot(name)[0]
-    data = Path(os.environ.get("GAPSCOPE_DATA", "shared/data"))
-    for file in [*sorted(data.glob("*/*.urdf")), *sorted(data.glob("*/*.xml"))]:
+    for file in [*sorted(DATA.glob("*/*.urdf")), *sorted(DATA.glob("*/*.xml"))]:
         yield f"data/{file.parent.name}", file
     for file in sorted(folder.rglob("*.urdf")) if folder else []:
         yield f"{file.parent.parent.name}/{file.stem}".removeprefix("robots/"), file
@@ -91,7 +89,6 @@ def shifted(description: Description, masses_alone: bool) -> Iterator[Descriptio
             givers = np.roll(np.arange(len(links)), step)
             for link, giver in zip(links, givers, strict=True):
                 own, given = link.inertial, links[int(giver)].inertial
-                assert own is not None and given is not None
                 changed[link.name] = (
                     replace(own, mass=given.mass) if masses_alone else given
                 )

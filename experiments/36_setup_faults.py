@@ -28,7 +28,6 @@ law must have commanded. Printed for each law: what was found with its value.
 from __future__ import annotations
 
 import itertools
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -41,7 +40,7 @@ from zlib import crc32
 import numpy as np
 import pandas as pd
 import yaml
-from common import command_line, kept, markdown, run_part
+from common import CASES, DATA, command_line, kept, markdown, run_part
 from generator_arms import ARMS, GeneratorArm, make_generated
 from real_carriers import load_carrier
 
@@ -112,20 +111,15 @@ def without_gravity(case: Case, rng: np.random.Generator) -> Case:
     def spoilt(recording: Recording) -> Recording:
         still = np.zeros_like(recording.q)
         pull = vendor.inverse_dynamics(recording.q, still, still)
-        return replace(recording, tau=np.asarray(recording.tau) - pull)
+        return replace(recording, tau=recording.tau - pull)
 
     return replace(case, recordings=tuple(spoilt(r) for r in case.recordings))
-
-
-def _two_sizes(n: int) -> tuple[float, ...]:
-    """Constants of large motors in the arm and small ones in the wrist, at the joint [N m/A]."""
-    return tuple(13.0 if 2 * j < n else 8.0 for j in range(n))
 
 
 TORQUE_FAULTS: dict[str, Callable[[int], Fault]] = {
     "gravity left out": lambda n: GravityCompensatedTorque(),
     "amperes, one constant": lambda n: TorqueUnit("current", factor=(10.0,)),
-    "amperes, two sizes": lambda n: TorqueUnit("current", factor=_two_sizes(n)),
+    "amperes, two sizes": lambda n: TorqueUnit("current", factor=(13.0,) * -(-n // 2) + (8.0,) * (n // 2)),
     "milliamperes": lambda n: TorqueUnit("current", factor=(0.01,)),
     "three commands times four": lambda n: TorqueUnit("command_scale", (1, 2, 3), (0.25,)),
     "late by 20 ms": lambda n: LateTorque("delay", 0.02),
@@ -133,7 +127,7 @@ TORQUE_FAULTS: dict[str, Callable[[int], Fault]] = {
     "late by 100 ms": lambda n: LateTorque("delay", 0.1),
     "filtered, 50 ms": lambda n: LateTorque("filter", 0.05),
 }  # fmt: skip
-"""Faults put in, on an arm with n joints."""
+"""Faults put in, on an arm with n joints; large motors have other constants than those of the wrist [N m/A]."""
 BESIDE_ORDINARY = ("gravity left out", "amperes, one constant")
 """Faults that are put in beside ordinary effects."""
 AS_IT_IS = "as it is"
@@ -165,24 +159,21 @@ def _made(folder: Path, robot: str, laws: tuple[str, ...], noise: float) -> Case
     kind = "single" if laws else "healthy"
     spec = CaseSpec(kind, laws, SEVERITY if laws else None, conditions)
     seed = (36, crc32(folder.name.encode()))
-    make_generated(spec, seed, folder, folder.with_suffix(".json"))
+    make_generated(spec, seed, folder)
     return load_case(folder)
 
 
 def answer(case: Case, label: str) -> dict[str, Any]:
     """What is found in a case with a fault put in."""
     rng = np.random.default_rng(crc32(f"{case.name} {label}".encode()))
-    spoilt = case
     if label in TORQUE_FAULTS:
         fault = TORQUE_FAULTS[label](case.arm.n_joints)
-        of_gravity = isinstance(fault, GravityCompensatedTorque)
-        spoilt = (
-            without_gravity(case, rng)
-            if of_gravity
-            else fault.in_case(case, rng, case.arm)
-        )
+        if isinstance(fault, GravityCompensatedTorque):
+            case = without_gravity(case, rng)
+        else:
+            case = fault.in_case(case, rng, case.arm)
     start = time.process_time()
-    found = find_setup_faults(spoilt)
+    found = find_setup_faults(case)
     return {
         "seconds": round(time.process_time() - start, 2),
         "found": [
@@ -372,7 +363,6 @@ DRAWS: dict[str, Callable[[np.random.Generator, int], Fault]] = {
 
 # References, gains, zeros and gravity
 
-CASES = Path(__file__).parent / "cases"
 REFERENCE_FAULTS: dict[str, Fault] = {
     "velocity_of_reference": VelocityOfReference(),
     "ignored_velocity_reference": IgnoredVelocityReference(),
@@ -407,10 +397,10 @@ def simulated(feedforward: str, effects: tuple[AppliedEffect, ...], name: str) -
     return record_case(name, arm, effects, plan, rng, controller=controller)
 
 
-def real(name: str, data: Path, **columns: str) -> Case:
+def real(name: str, **columns: str) -> Case:
     """A case of ``experiments/cases``, with further columns of its logs."""
     if not columns:
-        return load_case(CASES / f"{name}.yaml", data_root=data)
+        return load_case(CASES / f"{name}.yaml", data_root=DATA)
     content = yaml.safe_load((CASES / f"{name}.yaml").read_text(encoding="utf-8"))
     content["import"] |= columns
     # the other recording holds commands of 1e38
@@ -418,10 +408,10 @@ def real(name: str, data: Path, **columns: str) -> Case:
     with TemporaryDirectory() as folder:
         file = Path(folder) / "case.yaml"
         file.write_text(yaml.safe_dump(content), encoding="utf-8")
-        return load_case(file, data_root=data)
+        return load_case(file, data_root=DATA)
 
 
-def with_references(data: Path | None, folder: Path) -> Iterator[Case]:
+def with_references(folder: Path) -> Iterator[Case]:
     """All cases that have references."""
     yield simulated("nominal", (), "iiwa, feedforward")
     yield simulated("none", (), "iiwa, PD alone")
@@ -431,11 +421,11 @@ def with_references(data: Path | None, folder: Path) -> Iterator[Case]:
         target = folder / f"generator_{number}"
         GeneratorArm(number).write(target)
         yield replace(load_case(target / "case"), name=f"generator, {robot}")
-    if data is not None:
-        yield real("unitree_z1", data)
-        yield real("so101", data)
+    if DATA.is_dir():
+        yield real("unitree_z1")
+        yield real("so101")
         commands = {"q_ref": "PositionCmptd{j}", "dq_ref": "VelocityCmptd{j}"}
-        yield replace(real("kinova_gen3_current", data, **commands), name="kinova_gen3")
+        yield replace(real("kinova_gen3_current", **commands), name="kinova_gen3")
 
 
 def noisy(case: Case, torque: float, position: float, rng: np.random.Generator) -> Case:
@@ -459,11 +449,9 @@ def with_fault(case: Case, fault: Fault) -> Case | None:
         return None
 
 
-def references_part(
-    data: Path | None, folder: Path
-) -> Iterator[tuple[str, str, str, str]]:
+def references_part(folder: Path) -> Iterator[tuple[str, str, str, str]]:
     """Case, how it was given, fault, and what was found."""
-    for case in with_references(data, folder):
+    for case in with_references(folder):
         for noise, sizes in NOISE.items():
             changed = noisy(case, *sizes, np.random.default_rng(1))
             bare = tuple(replace(r, tau=None) for r in case.recordings)
@@ -492,19 +480,17 @@ def _names(case: Case) -> str:
     return "; ".join(words) or "none"
 
 
-def zeros_part(data: Path | None, folder: Path) -> Iterator[tuple[str, str, str, str]]:
+def zeros_part(folder: Path) -> Iterator[tuple[str, str, str, str]]:
     """Each joint of each arm counted from another zero."""
     cases = [simulated("nominal", ORDINARY, "iiwa, effects")]
-    if data is not None:
-        names = ("ur10", "panda", "kinova_gen3_current")
-        cases += [real(name, data) for name in names]
+    if DATA.is_dir():
+        cases += map(real, ("ur10", "panda", "kinova_gen3_current"))
     for case in cases:
         yield case.name, "", "none", _zeros(case)
         for joint in range(1, case.arm.n_joints + 1):
             for angle in ANGLES:
                 fault = ZeroOffset((joint,), float(np.deg2rad(angle)))
                 spoilt = with_fault(case, fault)
-                assert spoilt is not None
                 label = f"zero_offset {joint} {angle:g}"
                 yield case.name, f"joint {joint}", label, _zeros(spoilt)
 
@@ -540,12 +526,11 @@ def references() -> None:
     parser = command_line(references.__doc__, out=Path("out/reference_faults"))
     parser.add_argument("--part", choices=REFERENCE_PARTS, action="append")
     options = parser.parse_args()
-    data = Path(os.environ["GAPSCOPE_DATA"]) if "GAPSCOPE_DATA" in os.environ else None
     options.out.mkdir(parents=True, exist_ok=True)
     for part in options.part or REFERENCE_PARTS:
         rows = []
         with TemporaryDirectory() as folder:
-            for row in REFERENCE_PARTS[part](data, Path(folder)):
+            for row in REFERENCE_PARTS[part](Path(folder)):
                 rows.append((*row, outcome(*row[2:])))
                 print(" | ".join(rows[-1]), flush=True)
         head = ["case", "given", "fault", "found", "outcome"]
@@ -592,13 +577,5 @@ def controllers() -> None:
         print(f"| {kind} | {label} | {words} |", flush=True)
 
 
-PARTS = {
-    "torque_column": torque_column,
-    "drawn": drawn,
-    "references": references,
-    "controllers": controllers,
-}
-"""What the first word of the command line may be."""
-
 if __name__ == "__main__":
-    run_part(__doc__, PARTS)
+    run_part(__doc__, torque_column, drawn, references, controllers)

@@ -16,13 +16,13 @@ nearest is exported. Prints the table of `docs/export.md`; takes some minutes.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from benchmarks.child import without_meshes
 from common import command_line
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -231,18 +231,6 @@ def reference() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return q, half * w * np.sin(w * t), half * w**2 * np.cos(w * t)
 
 
-def arm_without_shapes(folder: Path) -> NominalArm:
-    """The iiwa without shapes, which would collide in one engine and not in the other."""
-    arm = iiwa()
-    tree = ET.parse(arm.urdf)
-    for link in tree.getroot().iter("link"):
-        for shape in (*link.findall("visual"), *link.findall("collision")):
-            link.remove(shape)
-    file = folder / "iiwa.urdf"
-    tree.write(file)
-    return replace(arm, urdf=file)
-
-
 def effects_of(name: str, arm: NominalArm) -> tuple[AppliedEffect, ...]:
     """What the arm has in a row of the table."""
     if name == "none":
@@ -327,7 +315,9 @@ def main() -> None:
     # DART looks for no file below the current folder
     out = options.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
-    arm = arm_without_shapes(out)
+    arm = iiwa()
+    # shapes would collide in one engine and not in the other
+    arm = replace(arm, urdf=without_meshes(arm.urdf, out / "iiwa.urdf"))
     results = {}
     heads = [f"{name} ({form})" for name, (form, _) in TARGETS.items()]
     print("| effect | " + " | ".join(heads) + " |\n" + "|---" * (len(heads) + 1) + "|")

@@ -28,10 +28,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from common import command_line, markdown, run_missing
+from common import CASES, command_line, markdown, run_missing
 from scipy.signal import lfilter
 from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
@@ -41,6 +41,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.root_mean_square import rms
 from gapscope.blind_check.generator.arms import (
     SHEETS,
     Arm,
@@ -63,8 +64,7 @@ NOISES = {"white": (), "red": (0.95,), "long": (0.9, 0.99, 0.999)}
 """Colours of the torque's noise: coefficients of the first-order filters whose sum it is."""
 
 
-@dataclass(frozen=True)
-class Change:
+class Change(NamedTuple):
     """What changes on an arm, n joints.
 
     Attributes:
@@ -119,28 +119,23 @@ class WorkingArm:
         self._heat = (self.c + self.b * 0.4) * 0.4
         self._programs = [self._points() for _ in range(4)]
         self._until, self._choice, self._speed = 0.0, 0, 1.0
-        self._queue: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._ahead = np.zeros((3, 0, n))
         self._place = self.sheet.home.copy()
         self._step, self._stops = 0, 0
 
     def chunks(self, seconds: float) -> Iterator[Recording]:
         """The next seconds of work, in parts."""
-        for _ in range(round(seconds / CHUNK)):
-            yield self._chunk()
-
-    def _chunk(self) -> Recording:
         count = round(CHUNK * RATE)
-        while sum(len(q) for q, _, _ in self._queue) < count:
-            self._queue.append(self._move())
-        q, dq, ddq = (np.concatenate(x) for x in zip(*self._queue, strict=True))
-        self._queue = [(q[count:], dq[count:], ddq[count:])]
-        q, dq, ddq = q[:count], dq[:count], ddq[:count]
-        t = self.t + np.arange(count) / RATE
-        self.t += count / RATE
-        # the torque that is recorded belongs to a moment before the positions
-        torque = self._torque(q - dq * self.lag, dq - ddq * self.lag, ddq)
-        q = q + self.encoder * self.rng.standard_normal(q.shape)
-        return Recording("shift", t, q, tau=torque)
+        for _ in range(round(seconds / CHUNK)):
+            while self._ahead.shape[1] < count:
+                self._ahead = np.concatenate([self._ahead, self._move()], axis=1)
+            (q, dq, ddq), self._ahead = np.split(self._ahead, [count], axis=1)
+            t = self.t + np.arange(count) / RATE
+            self.t += count / RATE
+            # the torque that is recorded belongs to a moment before the positions
+            torque = self._torque(q - dq * self.lag, dq - ddq * self.lag, ddq)
+            q = q + self.encoder * self.rng.standard_normal(q.shape)
+            yield Recording("shift", t, q, tau=torque)
 
     def _torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         rigid = self.body.inverse_dynamics(q, dq, ddq)
@@ -185,8 +180,8 @@ class WorkingArm:
         points = self.rng.uniform(-1, 1, (count, self.sheet.n))
         return list(self.sheet.home + span * points)
 
-    def _move(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The next move of the program and the dwell after it; another program now and then."""
+    def _move(self) -> np.ndarray:
+        """The next move of the program and the dwell after it, (3, N, n); another program now and then."""
         if self.t >= self._until:
             self._until = self.t + self.rng.uniform(300.0, 1200.0)
             self._choice = int(self.rng.integers(len(self._programs)))
@@ -203,12 +198,12 @@ class WorkingArm:
         rate = 30 * s**2 * (1 - s) ** 2 / time
         bend = 60 * s * (1 - s) * (1 - 2 * s) / time**2
         way = target - start
-        moved = [start + shape[:, None] * way, rate[:, None] * way, bend[:, None] * way]
+        moved = np.stack([shape, rate, bend])[..., None] * way
         dwell = round(self._stops * self.rng.uniform(0.0, 1.0) * RATE)
-        still = np.zeros((dwell, len(way)))
-        held = [target + still, still, still]
-        q, dq, ddq = (np.concatenate(x) for x in zip(moved, held, strict=True))
-        return q, dq, ddq
+        held = np.zeros((3, dwell, len(way)))
+        moved[0] += start
+        held[0] += target
+        return np.concatenate([moved, held], axis=1)
 
 
 def _bodies(
@@ -230,7 +225,6 @@ def _bodies(
 
 # What a watch says of them
 
-CASES = Path(__file__).parent / "cases"
 REAL = ("ur10", "panda", "kuka_med7", "unitree_z1")
 """Real arms with a recording of 15 s or more."""
 AFTER = 120.0
@@ -348,8 +342,8 @@ def stretches(
 
 def real_changes(recordings: list[Recording], n: int) -> Iterator[Change]:
     """Loads and Coulomb friction that are added to real recordings."""
-    torque = np.concatenate([np.asarray(r.tau) for r in recordings])
-    power = np.sqrt((torque**2).mean(axis=0))
+    torque = np.concatenate([r.tau for r in recordings])
+    power = rms(torque)
     for mass in (0.25, 0.5, 1.0, 2.0):
         yield Change("payload", f"load of {mass:g} kg", None, mass)
     for k, share in enumerate((0.05, 0.1, 0.2)):
@@ -375,13 +369,12 @@ def with_change(recording: Recording, change: Change, body: RigidBody) -> Record
         one = change.size * np.r_[1.0, 0.0, 0.0, 0.05, np.zeros(6)]
         added = body.link_regressor(body.last_link, q, dq, ddq) @ one
     else:
-        assert change.joint is not None
         added = np.zeros_like(q)
         sign = np.tanh(dq[:, change.joint - 1] / 0.01)
         added[:, change.joint - 1] = change.size * sign
     # convolution bends the ends
     inner = slice(2 * width, -2 * width)
-    changed = replace(recording, tau=np.asarray(recording.tau) + added)
+    changed = replace(recording, tau=recording.tau + added)
     return changed.part(inner)
 
 

@@ -124,9 +124,9 @@ def diagnoses(count: int) -> Iterator[Reading]:
 
 def short_cases() -> Iterator[Case]:
     """A case with friction and a load, a healthy one, and one whose URDF has its inertials on the wrong links."""
-    arm = load_nominal_arm(
-        "kuka_iiwa", joints=JOINTS, locked=dict.fromkeys(others(), 0.0)
-    )
+    names = load_nominal_arm("kuka_iiwa").joints
+    locked = {name: 0.0 for name in names if name not in JOINTS}
+    arm = load_nominal_arm("kuka_iiwa", joints=JOINTS, locked=locked)
     friction = AppliedEffect("coulomb_friction", (1, 2), {"torque": [4.0, 2.0]})
     load = AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.08]})
     yield recorded("friction_and_load", arm, (friction, load))
@@ -134,11 +134,6 @@ def short_cases() -> Iterator[Case]:
     yield healthy
     wrong = shifted_arm(arm, 1)
     yield Case("wrong_links", Path(), wrong, healthy.recordings, (), healthy.controller)
-
-
-def others() -> list[str]:
-    """The joints of the iiwa that are locked."""
-    return [j for j in load_nominal_arm("kuka_iiwa").joints if j not in JOINTS]
 
 
 def recorded(name: str, arm: NominalArm, effects: tuple[AppliedEffect, ...]) -> Case:

@@ -23,9 +23,9 @@ import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -62,8 +62,7 @@ SLOW = 0.2
 """Speed of the slow version, as docs/excitation.md says [1]."""
 
 
-@dataclass(frozen=True)
-class Task:
+class Task(NamedTuple):
     """An arm as drawn, what it carries, and what is asked: all that the check needs to know."""
 
     urdf: str
@@ -234,7 +233,6 @@ def _excesses(
     )
     friction = arm.coulomb * np.tanh(dq / 0.005) + arm.viscous * dq
     torque += arm.armature * ddq + friction
-    assert arm.torque_limit is not None
     yield "torque", _above(torque, task.limits.torque * arm.torque_limit)
     yield from _too_near(task, model, q[::EVERY], found)
 
@@ -270,7 +268,6 @@ def _too_near(
         pin.computeDistances(shapes, places)
         distances = [result.min_distance for result in places.distanceResults]
         nearest = min([nearest, *distances])
-    assert surface is not None
     yield "floor", task.limits.clearance - (floor - surface) - ROUNDING
     yield "distance", task.limits.clearance - nearest - ROUNDING
 

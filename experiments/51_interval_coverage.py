@@ -15,17 +15,16 @@ of the diagnosis side by side. Needs the extra ``blind``.
 
 from __future__ import annotations
 
-import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
-from common import Wanted, run_missing, stated, study, study_options
+from common import grouped, run_missing, stated, study, study_options
 from generator_arms import make_generated
 from real_carriers import (
     ARMS,
@@ -39,10 +38,8 @@ from real_carriers import (
 )
 from real_cases import Planned, draw, inject, label
 from real_laws import Scene
-from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import load_case
-from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json
 from gapscope.blind_check.generator.arms import USUAL, perturb_inertials, text_of
@@ -78,8 +75,7 @@ LONGEST = (8.0, 12.0)
 """Shortest and longest recording [s]."""
 
 
-@dataclass(frozen=True)
-class Simulated:
+class Simulated(NamedTuple):
     """One simulated case.
 
     Attributes:
@@ -106,22 +102,13 @@ class Simulated:
 
 def planned_simulated(rounds: int) -> list[Simulated]:
     """All cases: every set of effects at every width, on another arm each time; so many rounds of them."""
-    out: list[Simulated] = []
-    for turn in range(rounds):
-        for k, effects in enumerate(EFFECTS):
-            for w, width in enumerate(WIDTHS):
-                number = len(out)
-                place = k + 2 * w + turn
-                out.append(
-                    Simulated(
-                        effects,
-                        width,
-                        USUAL[place % len(USUAL)],
-                        STRONG[(place // 2) % len(STRONG)],
-                        RATES[(k + w) % len(RATES)],
-                        number,
-                    )
-                )
+    places = product(range(rounds), enumerate(EFFECTS), enumerate(WIDTHS))
+    out = []
+    for number, (turn, (k, effects), (w, width)) in enumerate(places):
+        place = k + 2 * w + turn
+        robot, rate = USUAL[place % len(USUAL)], RATES[(k + w) % len(RATES)]
+        severity = STRONG[place // 2 % len(STRONG)]
+        out.append(Simulated(effects, width, robot, severity, rate, number))
     return out
 
 
@@ -159,8 +146,7 @@ OTHERS = 4
 """Cases of an arm beside those with a load."""
 
 
-@dataclass(frozen=True)
-class Carried:
+class Carried(NamedTuple):
     """One case of a real arm.
 
     Attributes:
@@ -280,24 +266,6 @@ def values(
                 yield Value(group, parameter, expected[k], value[i], INTERVAL * std[i])
 
 
-def grouped(
-    title: str,
-    head: tuple[str, ...],
-    found: Sequence[tuple[Any, ...]],
-    cells: Callable[[Sequence[Any]], tuple[str, ...]],
-) -> Table:
-    """A row for each group, which stands first in what is found, and one for all."""
-    groups = {
-        name: [x for x in found if x[0] == name]
-        for name in sorted({x[0] for x in found})
-    }
-    rows = [
-        (name, str(len(own)), *cells(own))
-        for name, own in (groups | {"all": found}).items()
-    ]
-    return Table(title, ("", *head), tuple(rows))
-
-
 def coverage_table(title: str, found: Sequence[Value]) -> Table:
     """Share held with Wilson's interval, and the median of half width over the true value."""
 
@@ -308,9 +276,8 @@ def coverage_table(title: str, found: Sequence[Value]) -> Table:
         interval = f"{100 * low:.0f} to {100 * high:.0f} %"
         return f"{100 * held / len(own):.0f} %", interval, f"{100 * half:.1f} %"
 
-    return grouped(
-        title, ("values", "held", "95 % interval", "half width"), found, cells
-    )
+    head = ("values", "held", "95 % interval", "half width")
+    return grouped(title, head, found, lambda x: x[0], cells, found)
 
 
 def calibration_table(title: str, found: Sequence[tuple[str, float, bool]]) -> Table:
@@ -327,7 +294,8 @@ def calibration_table(title: str, found: Sequence[tuple[str, float, bool]]) -> T
         return f"{p.mean():.2f}", f"{right.mean():.2f}", figures
 
     likely = f"{LIKELY:.1f} and more: findings, stated, right"
-    return grouped(title, ("findings", "stated", "right", likely), found, cells)
+    head = ("findings", "stated", "right", likely)
+    return grouped(title, head, found, lambda x: x[0], cells, found)
 
 
 # Make, diagnose and report
@@ -377,9 +345,7 @@ def main() -> None:
     parser = study_options(__doc__, out=Path("out/coverage"), seed=1)
     parser.add_argument("--rounds", type=int, default=1, help="of simulated cases")
     arguments = parser.parse_args()
-    warnings.simplefilter("ignore", ModelWarning)
-    threadpool_limits(1)
-    out, results = arguments.out, arguments.out / arguments.results
+    out = arguments.out
     plans: list[Plan] = [*planned_simulated(arguments.rounds), *planned_carried()]
     truths = {out / "truth" / f"{plan.name}.json": plan for plan in plans}
 
@@ -391,9 +357,7 @@ def main() -> None:
         arguments,
         make=make_all,
         plans=lambda: plans,
-        wanted=lambda plan: Wanted(
-            out / "cases" / plan.name, None, results / f"{plan.name}.json"
-        ),
+        sides=lambda plan: (out / "cases" / plan.name, None),
         tables=lambda rows: tables(rows, out),
     )
 

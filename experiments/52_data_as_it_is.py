@@ -21,7 +21,6 @@ import tempfile
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -97,7 +96,7 @@ def sampled(recording: Columns, rate: float) -> Columns:
 def _noise(series: np.ndarray) -> np.ndarray:
     """Deviation of white noise, by third differences, (n,)."""
     third = np.diff(series, n=3, axis=0)
-    return np.asarray(np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20))
+    return np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20)
 
 
 def _rows(recording: Columns, rows: np.ndarray | slice) -> Columns:
@@ -126,16 +125,20 @@ def gap(r: Columns, rng: np.random.Generator, seconds: float) -> Columns:
     return _rows(r, (t < begin) | (t >= begin + seconds))
 
 
+def _before(r: Columns, rng: np.random.Generator, share: float) -> np.ndarray:
+    """Numbers of the rows, of a share of them that of the row before."""
+    source = np.arange(len(r["t"])) - (rng.random(len(r["t"])) < share)
+    return np.maximum(source, 0)
+
+
 def same_stamp(r: Columns, rng: np.random.Generator, share: float) -> Columns:
     """The clock was read before it had moved on: the stamp before once more."""
-    source = np.arange(len(r["t"])) - (rng.random(len(r["t"])) < share)
-    return {**r, "t": r["t"][np.maximum(source, 0)]}
+    return {**r, "t": r["t"][_before(r, rng, share)]}
 
 
 def stored_twice(r: Columns, rng: np.random.Generator, share: float) -> Columns:
     """The measurement before once more, with a new stamp."""
-    source = np.arange(len(r["t"])) - (rng.random(len(r["t"])) < share)
-    return {**_rows(r, np.maximum(source, 0)), "t": r["t"]}
+    return {**_rows(r, _before(r, rng, share)), "t": r["t"]}
 
 
 def jitter(r: Columns, rng: np.random.Generator, share: float) -> Columns:
@@ -219,11 +222,6 @@ def stuck(
     return out
 
 
-def without_velocity(r: Columns, rng: np.random.Generator) -> Columns:
-    """No velocity was logged."""
-    return {name: series for name, series in r.items() if name != "dq"}
-
-
 # Damages and lengths
 
 USUAL_RATE = 500
@@ -231,8 +229,7 @@ USUAL_RATE = 500
 ROBOTS = ("small", "xarm6", "ur5_like")
 
 
-@dataclass(frozen=True)
-class Length:
+class Length(NamedTuple):
     """Which cases are made, and how long they are recorded.
 
     Attributes:
@@ -255,8 +252,7 @@ USUAL, SHORT, LONG = Length(8.0), Length(5.0), Length(60.0, cases=12)
 HOUR = Length(1800.0, 100, 2, 1, ("payload",), ("small",))
 
 
-@dataclass(frozen=True)
-class Damage:
+class Damage(NamedTuple):
     """What is done to the recordings of a case.
 
     Attributes:
@@ -305,7 +301,7 @@ DAMAGES = (
     in_values("position_spikes", "0.5 % of the positions off by 10 deviations", spikes, channel="q", share=0.005),
     in_values("stuck_torque", "a joint's torque stands for 20 % of the time", stuck, channel="tau", share=0.2),
     in_values("stuck_position", "a joint's position stands for 1 s", stuck, channel="q", seconds=1.0),
-    Damage("no_velocity", "no velocity", of_each(without_velocity)),
+    Damage("no_velocity", "no velocity", of_each(lambda r, rng: {k: x for k, x in r.items() if k != "dq"})),
     in_values("coarse_1", "torque in steps of 1 % of its range", quantised, share=0.01),
     in_values("coarse_3", "torque in steps of 3 % of its range", quantised, share=0.03),
     Damage("rate_30", "30 Hz", rate=30),
@@ -363,13 +359,10 @@ def made(
     for k, spec in enumerate(specs):
         if spec.conditions.robot not in robots:
             continue
-        conditions = replace(
-            spec.conditions,
-            loop_rate=1000,
-            rate=length.rate,
-            recordings=length.recordings,
+        conditions = spec.conditions._replace(
+            loop_rate=1000, rate=length.rate, recordings=length.recordings
         )
-        spec = replace(spec, conditions=conditions)
+        spec = spec._replace(conditions=conditions)
         name = f"case{k:04d}"
         folder, label = out / name, out / "labels" / f"{name}.json"
         yield name, folder, make_generated(spec, (SEED, 2, k), folder, label)
@@ -424,6 +417,12 @@ def outcome(
 
 def shares(outcomes: list[Outcome], clean: dict[str, Outcome]) -> list[list[bool]]:
     """What is counted under a damage, by case: of single effects, of healthy arms, of all."""
+
+    def known(own: Outcome) -> frozenset[str]:
+        """What is said of the sound recordings of a case."""
+        name = own.compared.name
+        return clean[name].notes if name in clean else frozenset()
+
     cases = [o.compared for o in outcomes]
     single = [c for c in cases if c.kind == "single"]
     healthy = [c for c in cases if c.kind == "healthy"]
@@ -433,14 +432,8 @@ def shares(outcomes: list[Outcome], clean: dict[str, Outcome]) -> list[list[bool
         [c.verdict not in ("no_gap", "failed") for c in healthy],
         [c.verdict == "unexplained" for c in single],
         [c.verdict == "failed" for c in cases],
-        [bool(o.fault or o.error or new_notes(o, clean)) for o in outcomes],
+        [bool(o.fault or o.error or o.notes - known(o)) for o in outcomes],
     ]
-
-
-def new_notes(own: Outcome, clean: dict[str, Outcome]) -> frozenset[str]:
-    """What was said of a case that was not said of the sound recordings."""
-    before = clean.get(own.compared.name)
-    return own.notes - (before.notes if before else frozenset())
 
 
 def line(damage: Damage, count: int, own: list[list[bool]]) -> str:

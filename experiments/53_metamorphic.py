@@ -24,86 +24,67 @@ import shutil
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from common import command_line, kept, markdown
 from generator_arms import make_generated
-from metamorphic import RELATIONS, CaseFiles, Difference, Relation, Twin, compare
+from metamorphic import RELATIONS, CaseFiles, Difference, Relation, compare
 
 from gapscope.arm.case import load_case
 from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
 from gapscope.diagnosis.diagnose import diagnose
 
+DURATION = (8.0, 10.0)
+"""Shortest and longest recording [s]."""
 
-class Wanted(NamedTuple):
-    """Robot, laws and conditions of a case."""
 
-    robot: str
-    laws: tuple[str, ...]
-    rate: int = 250
-    recordings: int = 2
-    bare: bool = False
-    inertials_off: float = 0.0
-    kind: str = "single"
+def wanted(robot: str, *laws: str, kind: str = "single", **conditions: Any) -> CaseSpec:
+    """A case of a robot with laws, two recordings at 250 Hz unless said otherwise."""
+    usual = {"rate": 250, "recordings": 2, "duration": DURATION}
+    severity = None if kind == "healthy" else STRONG[1]
+    return CaseSpec(kind, laws, severity, Conditions(robot, **(usual | conditions)))
 
 
 CASES = (
-    Wanted("small", (), kind="healthy"),
-    Wanted("franka_panda", (), bare=True, inertials_off=0.05, kind="healthy"),
-    Wanted("ur5_like", (), rate=100, recordings=3, kind="healthy"),
-    Wanted("small", ("coulomb_friction",)),
-    Wanted("xarm6", ("payload",), recordings=3, inertials_off=0.03),
-    Wanted("small", ("joint_elasticity",)),
-    Wanted("franka_panda", ("actuator_delay",)),
-    Wanted("kuka_iiwa", ("torque_scale",), rate=100, bare=True),
-    Wanted("ur5_like", ("backlash",)),
-    Wanted("drawn", ("torque_ripple",), recordings=3),
-    Wanted("xarm6", ("encoder_offset",), rate=100, inertials_off=0.02),
-    Wanted("drawn", ("external_force",), bare=True),
-    Wanted("ur10_like", ("base_tilt",), recordings=3),
-    Wanted("small", ("parallel_spring", "actuator_lag"), kind="pair"),
-    Wanted("drawn", ("torque_offset", "viscous_friction"), bare=True, kind="pair"),
-    Wanted("xarm6", ("armature", "load_friction"), kind="pair"),
-    Wanted("franka_panda", ("sign_flip",), rate=100),
-    Wanted("small", ("joint_swap",)),
-    Wanted("small", ("hysteresis",), kind="outside"),
-    Wanted("ur5_like", ("link_inertia",), inertials_off=0.02),
-    Wanted("small", ("friction_drift",), rate=500),
-    Wanted("small", ("actuator_lag",), rate=1000),
+    wanted("small", kind="healthy"),
+    wanted("franka_panda", bare=True, inertials_off=0.05, kind="healthy"),
+    wanted("ur5_like", rate=100, recordings=3, kind="healthy"),
+    wanted("small", "coulomb_friction"),
+    wanted("xarm6", "payload", recordings=3, inertials_off=0.03),
+    wanted("small", "joint_elasticity"),
+    wanted("franka_panda", "actuator_delay"),
+    wanted("kuka_iiwa", "torque_scale", rate=100, bare=True),
+    wanted("ur5_like", "backlash"),
+    wanted("drawn", "torque_ripple", recordings=3),
+    wanted("xarm6", "encoder_offset", rate=100, inertials_off=0.02),
+    wanted("drawn", "external_force", bare=True),
+    wanted("ur10_like", "base_tilt", recordings=3),
+    wanted("small", "parallel_spring", "actuator_lag", kind="pair"),
+    wanted("drawn", "torque_offset", "viscous_friction", bare=True, kind="pair"),
+    wanted("xarm6", "armature", "load_friction", kind="pair"),
+    wanted("franka_panda", "sign_flip", rate=100),
+    wanted("small", "joint_swap"),
+    wanted("small", "hysteresis", kind="outside"),
+    wanted("ur5_like", "link_inertia", inertials_off=0.02),
+    wanted("small", "friction_drift", rate=500),
+    wanted("small", "actuator_lag", rate=1000),
 )
 """Robots, effects and conditions dealt out by hand, so that each occurs; sizes and joints are drawn."""
-DURATION = (8.0, 10.0)
-"""Shortest and longest recording [s]."""
 SEED = 53
 
 
 def make(number: int, folder: Path) -> Path:
     """One of ``CASES`` in a folder of its own, made unless it is there; its truth lies beside it."""
     place = folder / f"case{number:02d}"
-    truth = place.with_suffix(".json")
-    make_generated(_spec(CASES[number]), (SEED, number), place, truth)
+    make_generated(CASES[number], (SEED, number), place)
     return place
 
 
 def applies(relation: str, number: int) -> bool:
     """Whether a relation makes a twin of a case: a joint whose columns were exchanged has no sense of its own."""
     return not (relation == "mirrored" and "joint_swap" in CASES[number].laws)
-
-
-def _spec(wanted: Wanted) -> CaseSpec:
-    conditions = Conditions(
-        wanted.robot,
-        inertials_off=wanted.inertials_off,
-        bare=wanted.bare,
-        rate=wanted.rate,
-        recordings=wanted.recordings,
-        duration=DURATION,
-    )
-    severity = None if wanted.kind == "healthy" else STRONG[1]
-    return CaseSpec(wanted.kind, wanted.laws, severity, conditions)
 
 
 # The same command twice
@@ -159,33 +140,23 @@ WITH_JOBS = ("diagnose, two cases", "fleet", "blind make", "blind run")
 def inputs(cases: Path, folder: Path) -> dict[str, Path]:
     """What the commands are given: two cases with three joints, and what is made of them."""
     one, effects = cases / "case03", folder / "effects.yaml"
-    before, after = _parted(one, folder)
-    effects.write_text(
-        "schema: 1\neffects:\n- {effect: coulomb_friction, joints: [1], parameters: {torque: [2.0]}}\n"
-    )
-    given = {"one": one, "other": cases / "case13", "effects": effects}
-    return given | {"before": before, "after": after, "sealed": _sealed(folder)}
-
-
-def _parted(case: Path, folder: Path) -> list[Path]:
-    """A case with the first recording of another, and one with its second."""
-    files = CaseFiles.read(case)
-    parts = [folder / name for name in ("before", "after")]
+    # the case with its first recording alone, and with its second
+    files, parts = CaseFiles.read(one), [folder / name for name in ("before", "after")]
     for place, recording in zip(parts, files.content["recordings"], strict=False):
         if not place.is_dir():
             content = {**files.content, "recordings": [recording]}
-            replace(files, content=content).write(place)
-    return parts
-
-
-def _sealed(folder: Path) -> Path:
-    """A small set of blind cases, whose labels are taken away as the check asks."""
-    place = folder / "sealed"
-    if not place.is_dir():
+            files._replace(content=content).write(place)
+    effects.write_text(
+        "schema: 1\neffects:\n- {effect: coulomb_friction, joints: [1], parameters: {torque: [2.0]}}\n"
+    )
+    # a small set of blind cases, whose labels are taken away as the check asks
+    sealed = folder / "sealed"
+    if not sealed.is_dir():
         call = [sys.executable, "-m", "gapscope", "blind", "make", *BLIND.split()]
-        subprocess.run([*call, "--out", str(place)], check=True)
+        subprocess.run([*call, "--out", str(sealed)], check=True)
         shutil.rmtree(folder / "sealed-labels")
-    return place
+    given = {"one": one, "other": cases / "case13", "effects": effects}
+    return given | {"before": parts[0], "after": parts[1], "sealed": sealed}
 
 
 def results(folder: Path) -> dict[str, Any]:
@@ -296,13 +267,6 @@ BITWISE = (3, 13)
 """Cases that commands are run on with ``--bitwise``."""
 
 
-def twin_of(case: Path, number: int, relation: Relation) -> Twin:
-    """The twin of a case; the same one each time."""
-    place = RELATIONS.index(relation)
-    rng = np.random.default_rng([SEED, number, place])
-    return relation.twin(CaseFiles.read(case), rng)
-
-
 def diagnosed(folder: Path) -> dict[str, Any]:
     """Diagnosis of a folder, with its processor time [s]."""
     begun = time.process_time()
@@ -316,7 +280,8 @@ def examine(number: int, relation: Relation, out: Path) -> Difference:
     case = make(number, out / "cases")
     results = out / "diagnoses"
     original = kept(results / f"{name}.json", diagnosed, case)
-    twin = twin_of(case, number, relation)
+    rng = np.random.default_rng([SEED, number, RELATIONS.index(relation)])
+    twin = relation.twin(CaseFiles.read(case), rng)
     file = results / f"{name}_{relation.name}.json"
     folder = out / "twins" / f"{name}_{relation.name}"
     if not file.is_file():
@@ -364,7 +329,9 @@ def main(out: Path, relations: list[str], cases: list[int]) -> int:
             difference = examine(number, relation, out)
             found.setdefault(relation.name, []).append(difference)
             failed |= not _holds(difference, relation)
-            print(f"case{number:02d} {relation.name}: {_said(difference)}", flush=True)
+            said = f"value {difference.value:.1e} std, closed {difference.closed:.1e}"
+            said += f", share {difference.share:.1e} {difference.words}"
+            print(f"case{number:02d} {relation.name}: {said}", flush=True)
     print(table(found))
     return int(failed)
 
@@ -372,14 +339,6 @@ def main(out: Path, relations: list[str], cases: list[int]) -> int:
 def _holds(difference: Difference, relation: Relation) -> bool:
     """Whether a twin has the same names, and the same values within the tolerance."""
     return difference.same_names and difference.value <= relation.tolerance
-
-
-def _said(difference: Difference) -> str:
-    """A line on one pair."""
-    return (
-        f"value {difference.value:.1e} std, closed {difference.closed:.1e}, share {difference.share:.1e} "
-        f"{difference.words}"
-    )
 
 
 if __name__ == "__main__":

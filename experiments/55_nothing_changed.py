@@ -15,33 +15,28 @@ versions side by side.
 from __future__ import annotations
 
 import itertools
-import os
-import warnings
-import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 from common import (
-    Wanted,
+    DATA,
+    grouped,
     names_of,
     study,
     study_options,
     verdict_of,
 )
-from real_carriers import load_carrier
-from threadpoolctl import threadpool_limits
+from real_carriers import LEGS, go2_leg, load_carrier
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.recording import Recording
-from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.scoring import wilson
 from gapscope.diagnosis.agreement import (
     AGREES,
@@ -60,17 +55,15 @@ SHORTEST = 1.55
 """A cut is no shorter than this [s]; a diagnosis needs 1.5 s."""
 CUTS = {"half": 2, "third": 3, "quarter": 4}
 """Into how many cuts a recording is taken apart."""
-LEGS = ("FL", "FR", "RL", "RR")
-GAINS = {"hip": (20.0, 1.0), "thigh": (20.0, 1.0), "calf": (40.0, 2.0)}
-"""Proportional [N m/rad] and damping gain [N m s/rad] of the drives of a leg, as asked for."""
+GAINS = np.array([[20.0, 20.0, 40.0], [1.0, 1.0, 2.0]])
+"""Proportional [N m/rad] and damping gains [N m s/rad] of hip, thigh and calf, as asked for."""
 SCATTERED = ("Coulomb friction", "viscous friction", "torque gain")
 """Quantities whose scatter from repeat to repeat is shown."""
 SAMPLES = 9
 LETTERS = "abcd"
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """One comparison of an arm with itself.
 
     Attributes:
@@ -134,42 +127,23 @@ def of_real_arm(arm: str, out: Path) -> tuple[Case, list[Comparison]]:
     return replace(case, recordings=tuple(recordings)), found
 
 
-def of_leg(leg: str, data: Path, out: Path) -> tuple[Case, list[Comparison]]:
+def of_leg(leg: str, out: Path) -> tuple[Case, list[Comparison]]:
     """A leg of the Go2, its torque from the gains that were asked for, and its repeats compared."""
-    tree = ET.parse(data / "unitree_go2" / "go2.xml")
-    # postures of the free robot, which a reader that fixes its base refuses
-    for postures in tree.getroot().findall("keyframe"):
-        tree.getroot().remove(postures)
-    file = out / "carriers" / "go2.xml"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    tree.write(file)
-    names = [f"{leg}_{joint}_joint" for joint in GAINS]
-    arm = load_nominal_arm(file, joints=names)
-    first = 3 * LEGS.index(leg)
-    gains = np.array(list(GAINS.values())).T
+    case, (kp, kd) = go2_leg(leg, out / "carriers"), GAINS
     recordings = []
-    for k in range(6):
-        with np.load(data / "unitree_go2" / f"traj_{k}.npz") as rows:
-            log = {
-                key: rows[key][:, first : first + 3]
-                for key in ("q", "dq", "q_ref", "dq_ref")
-            }
-            t = rows["t"] - rows["t"][0]
-        tau = gains[0] * (log["q_ref"] - log["q"]) + gains[1] * (
-            log["dq_ref"] - log["dq"]
-        )
-        recordings.append(Recording(f"repeat{k}", t, log["q"], tau, log["dq"]))
-    name = f"go2_{leg}"
+    for r in case.recordings:
+        tau = kp * (r.q_ref - r.q) + kd * (r.dq_ref - r.dq)
+        recordings.append(replace(r, tau=tau, q_ref=None, dq_ref=None))
     found = []
     for k in range(6):
-        case, reference = f"repeat{k}", (f"repeat{(k + 1) % 6}", f"repeat{(k + 2) % 6}")
-        found.append(Comparison("go2", name, "repeat", (case,), reference))
-    return Case(name, Path(), arm, tuple(recordings)), found
+        reference = tuple(f"repeat{(k + more) % 6}" for more in (1, 2))
+        found.append(Comparison("go2", case.name, "repeat", (f"repeat{k}",), reference))
+    return replace(case, recordings=tuple(recordings)), found
 
 
-def of_sample(number: int, data: Path, out: Path) -> tuple[Case, list[Comparison]]:
+def of_sample(number: int, out: Path) -> tuple[Case, list[Comparison]]:
     """A simulated case with all four recordings, each compared with every two of the others."""
-    source = data / "sample_cases" / f"case{number:03d}"
+    source = DATA / "sample_cases" / f"case{number:03d}"
     content = yaml.safe_load((source / "case.yaml").read_text(encoding="utf-8"))
     content["robot"] = str(source / content["robot"])
     content["recordings"] = [str(source / f"recording_{k}.csv") for k in LETTERS]
@@ -189,31 +163,31 @@ def of_sample(number: int, data: Path, out: Path) -> tuple[Case, list[Comparison
     return replace(case, name=name, recordings=recordings), found
 
 
-def arms(group: str, out: Path, data: Path) -> Iterator[tuple[Case, list[Comparison]]]:
+def arms(group: str, out: Path) -> Iterator[tuple[Case, list[Comparison]]]:
     """Every arm of a group, with its recordings and comparisons."""
     if group == "go2":
-        yield from (of_leg(leg, data, out) for leg in LEGS)
+        yield from (of_leg(leg, out) for leg in LEGS)
     elif group == "sample":
-        yield from (of_sample(k, data, out) for k in range(SAMPLES))
+        yield from (of_sample(k, out) for k in range(SAMPLES))
     else:
         yield of_real_arm(group, out)
 
 
-def make(groups: Sequence[str], out: Path, data: Path) -> None:
+def make(groups: Sequence[str], out: Path) -> None:
     """Write the recordings of each arm once, and case files that list them."""
     for group in groups:
         plan = out / "plans" / f"{group}.json"
         if plan.is_file():
             continue
         planned: list[Comparison] = []
-        for case, found in arms(group, out, data):
+        for case, found in arms(group, out):
             folder = out / "arms" / case.name
             write_case(case, folder, overwrite=True)
             for one in found:
                 write_sides(one, folder, out)
             planned += found
             print(f"{case.name}: {len(found)} comparisons", flush=True)
-        write_json([asdict(one) for one in planned], plan)
+        write_json([one._asdict() for one in planned], plan)
 
 
 def write_sides(one: Comparison, arm: Path, out: Path) -> None:
@@ -241,12 +215,6 @@ def read_plans(groups: Sequence[str], out: Path) -> list[Comparison]:
     return found
 
 
-def wanted(plan: Comparison, out: Path, results: Path) -> Wanted:
-    """The diagnosis of a comparison."""
-    folder, file = out / "cases" / plan.name, results / f"{plan.name}.json"
-    return Wanted(folder / "case", folder / "reference", file)
-
-
 def changes_of(result: dict[str, Any]) -> list[str]:
     """Changes during a recording that a result states, with their joints and times; they are false too."""
     changes = (result.get("document") or {}).get("changes") or []
@@ -255,13 +223,8 @@ def changes_of(result: dict[str, Any]) -> list[str]:
 
 def tables(rows: Sequence[tuple[Comparison, dict[str, Any]]]) -> list[Table]:
     """Rates by group and relation; and all that was named."""
-    parts: dict[str, list[dict[str, Any]]] = {}
-    for plan, result in rows:
-        parts.setdefault(f"{plan.group}, {plan.relation}", []).append(result)
-        parts.setdefault("~ all", []).append(result)
-    head = ("", "comparisons", "named", "rate", "95 % interval", "change during")
+    head = ("comparisons", "named", "rate", "95 % interval", "change during")
     head = (*head, "unexplained", "failed", "effects", "seconds: median, worst")
-    figures = [(key.strip("~ "), *_figures(parts[key])) for key in sorted(parts)]
     wrong = [
         (
             plan.name,
@@ -273,11 +236,18 @@ def tables(rows: Sequence[tuple[Comparison, dict[str, Any]]]) -> list[Table]:
         if names_of(result) or changes_of(result) or result["status"] != "done"
     ]
     return [
-        Table("Nothing changed", head, tuple(figures)),
+        grouped(
+            "Nothing changed",
+            head,
+            rows,
+            lambda row: f"{row[0].group}, {row[0].relation}",
+            lambda own: _figures([result for _, result in own]),
+            rows,
+        ),
         Table(
             "Named or failed",
             ("comparison", "verdict", "effects", "changes during a recording"),
-            tuple(wrong),
+            wrong,
         ),
     ]
 
@@ -289,7 +259,6 @@ def _figures(results: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     effects = Counter(name.split()[0] for r in named for name in names_of(r))
     seconds = [float(r["cpu_seconds"]) for r in results]
     return (
-        str(len(results)),
         str(len(named)),
         f"{100 * len(named) / max(len(done), 1):.1f} %",
         f"{100 * low:.1f} to {100 * high:.1f} %",
@@ -301,11 +270,11 @@ def _figures(results: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     )
 
 
-def agree(out: Path, data: Path) -> None:
+def agree(out: Path) -> None:
     """Print whether the six repeats of each leg agree, and how far values scatter from repeat to repeat."""
     rows = []
     for leg in LEGS:
-        case, _ = of_leg(leg, data, out)
+        case, _ = of_leg(leg, out)
         found = agreement(case)
         differing = [line.name for line in found.having(DIFFERS)]
         cells = (
@@ -335,18 +304,17 @@ def main() -> None:
     parser = study_options(__doc__, "agree", out=Path("out/nothing_changed"))
     parser.add_argument("--groups", default=",".join(GROUPS), help="default: all")
     arguments = parser.parse_args()
-    warnings.simplefilter("ignore", ModelWarning)
     groups, out = arguments.groups.split(","), arguments.out
-    results = out / arguments.results
-    threadpool_limits(1)
     if arguments.step == "agree":
-        agree(out, Path(os.environ["GAPSCOPE_DATA"]))
+        agree(out)
         return
     study(
         arguments,
-        make=lambda: make(groups, out, Path(os.environ["GAPSCOPE_DATA"])),
+        make=lambda: make(groups, out),
         plans=lambda: read_plans(groups, out),
-        wanted=lambda plan: wanted(plan, out, results),
+        sides=lambda plan: tuple(
+            out / "cases" / plan.name / side for side in ("case", "reference")
+        ),
         tables=tables,
     )
 

@@ -15,16 +15,13 @@ Resumable: run it again for the rest; each diagnosis has a result file.
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 from common import (
-    Wanted,
     names_of,
     run_missing,
     study,
@@ -32,12 +29,11 @@ from common import (
     verdict_of,
 )
 from generator_arms import recorded, write_side
-from threadpoolctl import threadpool_limits
 
-from gapscope.arm.errors import GapscopeError, ModelWarning
+from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json
 from gapscope.blind_check.generator.case import CaseSetup, draw_setup
-from gapscope.blind_check.generator.law import Cause, Draws
+from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
@@ -65,8 +61,7 @@ REPEATED, STEP = 0.05, 4e-4
 ATTEMPTS = 60
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """A row of the table.
 
     Attributes:
@@ -108,8 +103,7 @@ ROWS = {
 }
 
 
-@dataclass(frozen=True)
-class Task:
+class Task(NamedTuple):
     """One diagnosis of a draw of a row."""
 
     row: str
@@ -130,10 +124,10 @@ class Task:
 def loads(row: str, setup: CaseSetup, rng: np.random.Generator) -> list[list[Cause]]:
     """The load in each of the two recordings of a case."""
     law = LAWS["payload"]
-    first = Cause(law, ARM, law.draw(Draws.of(rng, setup.context, ARM)))
+    first = law.cause(rng, setup, ARM)
     if row == "two_loads":
         while True:
-            other = Cause(law, ARM, law.draw(Draws.of(rng, setup.context, ARM)))
+            other = law.cause(rng, setup, ARM)
             masses = sorted(float(c.values["mass"]) for c in (first, other))
             if 1 - masses[0] / masses[1] > OTHER_MASS:
                 return [[first], [other]]
@@ -142,7 +136,7 @@ def loads(row: str, setup: CaseSetup, rng: np.random.Generator) -> list[list[Cau
         side = LEVER * np.array([np.cos(angle), np.sin(angle), 0.0])
         middle = np.array([0.0, 0.0, 0.05])
         places = [{**first.values, "com": middle + s * side} for s in (1, -1)]
-        return [[replace(first, values=values)] for values in places]
+        return [[first._replace(values=values)] for values in places]
     if row == "tool_on_off":
         several: list[list[Cause]] = [[first], []]
         return several if rng.random() < 0.5 else several[::-1]
@@ -196,9 +190,7 @@ def plants(
         if row == "zero_in_one":
             # a zero about the vertical shows in no torque, one of the last joint hardly
             joint = rng.integers(1, n - 2, size=1)
-        causes = [
-            [Cause(law, joint, law.draw(Draws.of(rng, setup.context, joint)))]
-        ] * 2
+        causes = [[law.cause(rng, setup, joint)]] * 2
         if row in IN_ONE:
             causes[int(rng.integers(2))] = []
     today = [setup.plant(several) for several in causes]
@@ -263,15 +255,7 @@ def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> N
     run_missing(made, files, jobs, 600.0)
 
 
-def wanted(task: Task, out: Path, results: Path) -> Wanted:
-    """The diagnosis of a task."""
-    folder = out / "cases" / task.case
-    reference = folder / "reference" if task.mode == "against" else None
-    return Wanted(folder / "case", reference, results / f"{task.name}.json")
-
-
-@dataclass(frozen=True)
-class Judged:
+class Judged(NamedTuple):
     """A result beside its truth.
 
     Attributes:
@@ -365,16 +349,20 @@ def main() -> None:
         __doc__, out=Path("out/states"), rows=",".join(ROWS), draws=6, seed=1
     )
     arguments = parser.parse_args()
-    warnings.simplefilter("ignore", ModelWarning)
-    out, results = arguments.out, arguments.out / arguments.results
+    out = arguments.out
     cases = list(itertools.product(arguments.rows.split(","), range(arguments.draws)))
     tasks = [Task(row, draw, mode) for row, draw in cases for mode in ROWS[row].modes]
-    threadpool_limits(1)
+
+    def sides(task: Task) -> tuple[Path, Path | None]:
+        folder = out / "cases" / task.case
+        reference = folder / "reference" if task.mode == "against" else None
+        return folder / "case", reference
+
     study(
         arguments,
         make=lambda: make(cases, arguments.seed, out, arguments.jobs),
         plans=lambda: tasks,
-        wanted=lambda task: wanted(task, out, results),
+        sides=sides,
         tables=lambda rows: tables(rows, out),
     )
 

@@ -14,11 +14,11 @@ the model of the arm is not true. Resumable: each pair has a result file that is
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from common import command_line, markdown, run_missing, share_text
@@ -27,9 +27,10 @@ from threadpoolctl import threadpool_limits
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.motions.trajectory import Fourier, motion_of, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.diagnose_change import diagnose_change, identify_reference
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
@@ -56,8 +57,7 @@ FEATURES = 12
 """Waves of which the unknown torque consists."""
 
 
-@dataclass(frozen=True)
-class Unknown:
+class Unknown(NamedTuple):
     """A smooth function of positions and velocities, tau_j = a_j sum_k c_jk cos(w_k . [q, dq] + p_k)."""
 
     waves: np.ndarray
@@ -76,7 +76,7 @@ class Unknown:
     def __call__(self, motion: Motion) -> np.ndarray:
         """Its torque, about 1 in RMS, (N, n)."""
         state = np.hstack([motion.q, motion.dq])
-        return np.asarray(np.cos(state @ self.waves + self.phases) @ self.weights)
+        return np.cos(state @ self.waves + self.phases) @ self.weights
 
 
 def motion(arm: NominalArm, seconds: float, rng: np.random.Generator) -> Motion:
@@ -95,12 +95,7 @@ def motion(arm: NominalArm, seconds: float, rng: np.random.Generator) -> Motion:
         duration=seconds,
         ramp=1.0,
     )
-    return Motion(t, series.position(t), series.velocity(t), series.acceleration(t))
-
-
-def friction(arm: NominalArm, size: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Coulomb and viscous friction of each joint, (2, n), of a size [N m]."""
-    return rng.uniform(0.05, 0.3, (2, arm.n_joints)) * size
+    return motion_of(series, t)
 
 
 def effect_of(
@@ -124,7 +119,7 @@ def effect_of(
         - CorrectedArm(arm, ()).predict(body, one)
         for one in motions
     ]
-    torque = np.sqrt((np.concatenate(moved) ** 2).mean(axis=0)) / scale
+    torque = rms(np.concatenate(moved)) / scale
     ratio = size / float(torque[joints].max())
     if name == "payload":
         return AppliedEffect(name, (), {"mass": np.array(min(ratio, 8.0)), "com": com})
@@ -173,10 +168,10 @@ def pair(
     bare = CorrectedArm(arm, ())
     torque = np.concatenate([bare.predict(body, one) for one in motions[0]])
     # no joint counts less than a hundredth of the strongest
-    scale = np.sqrt((torque**2).mean(axis=0))
-    scale = np.maximum(scale, 0.01 * scale.max())
+    scale = np.maximum(rms(torque), 0.01 * rms(torque).max())
     unknown = Unknown.drawn(arm.n_joints, rng)
-    dry = friction(arm, scale, rng)
+    # Coulomb and viscous friction [N m]
+    dry = rng.uniform(0.05, 0.3, (2, arm.n_joints)) * scale
     days = [dry, dry * (1.0 + rng.uniform(-DAY, DAY, dry.shape))]
     own = (effect_of(arm, motions[1], scale, rng),) if changed else ()
     made = []

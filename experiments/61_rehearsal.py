@@ -15,26 +15,16 @@ from pathlib import Path
 
 import numpy as np
 from common import command_line, markdown
-from generator_arms import make_generated
+from generator_arms import GENERATED, named_case
 from threadpoolctl import threadpool_limits
 
 import gapscope
 from gapscope.arm.errors import ModelWarning
 from gapscope.blind_check.generator.simulate import CaseSpec, Conditions
 
-CASES = Path(__file__).resolve().parent / "cases"
-GENERATED = "generated"
-
-
-def case_of(name: str, out: Path) -> Path:
-    """The case of a name: one that is made, or a file of the real ones."""
-    if name != GENERATED:
-        return CASES / f"{name}.yaml"
-    conditions = Conditions(robot="small", rate=250, duration=(8.0, 12.0))
-    spec = CaseSpec("healthy", (), None, conditions)
-    folder = out / "cases" / name
-    make_generated(spec, (1, 61), folder, out / "cases" / f"{name}.json")
-    return folder
+SPEC = CaseSpec(
+    "healthy", (), None, Conditions("small", rate=250, duration=(8.0, 12.0))
+)
 
 
 def main() -> None:
@@ -55,7 +45,7 @@ def main() -> None:
     for name in arguments.cases.split(","):
         folder = arguments.out / name
         result = gapscope.rehearse(
-            case_of(name, arguments.out),
+            named_case(name, SPEC, (1, 61), arguments.out),
             folder,
             effects=[effect for effect in arguments.effects.split(",") if effect],
             sizes=arguments.sizes.split(","),

@@ -9,11 +9,10 @@ diagnosed, unless that is done, and the motion of its first recording is the tas
 from __future__ import annotations
 
 import warnings
-from importlib import import_module
 from pathlib import Path
 
 from common import command_line
-from generator_arms import make_generated
+from generator_arms import named_case
 from threadpoolctl import threadpool_limits
 
 import gapscope
@@ -22,19 +21,12 @@ from gapscope.arm.errors import ModelWarning
 from gapscope.blind_check.generator.simulate import CaseSpec, Conditions
 from gapscope.reports.matter import table
 
-REAL = import_module("61_rehearsal").CASES
-
-
-def case_of(name: str, out: Path) -> Path:
-    """The case of a name: one that is made, or a file of the real ones."""
-    if name != "generated":
-        return REAL / f"{name}.yaml"
-    conditions = Conditions(robot="small", rate=250, duration=(8.0, 12.0))
-    effects = ("payload", "actuator_delay")
-    spec = CaseSpec("pair", effects, (8.0, 20.0), conditions)
-    folder = out / "cases" / name
-    make_generated(spec, (1, 62), folder, out / "cases" / f"{name}.json")
-    return folder
+SPEC = CaseSpec(
+    "pair",
+    ("payload", "actuator_delay"),
+    (8.0, 20.0),
+    Conditions("small", rate=250, duration=(8.0, 12.0)),
+)
 
 
 def main() -> None:
@@ -46,7 +38,8 @@ def main() -> None:
     warnings.simplefilter("ignore", ModelWarning)
     threadpool_limits(1)
     for name in arguments.cases.split(","):
-        case, folder = load_case(case_of(name, arguments.out)), arguments.out / name
+        case = load_case(named_case(name, SPEC, (1, 62), arguments.out))
+        folder = arguments.out / name
         if not (folder / "diagnosis.json").is_file():
             gapscope.diagnose(case).save(folder)
         task = case.recordings[0]

@@ -9,16 +9,16 @@ what a diagnosis names. The carriage is EMPS, in ``$GAPSCOPE_DATA``, which is fa
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from common import command_line, markdown, names_of
+from common import CASES, DATA, command_line, markdown, names_of
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.root_mean_square import rms
 from gapscope.blind_check.generator.case import MadeCase, make_case, write_case
 from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
 from gapscope.diagnosis.diagnose import diagnose
@@ -51,7 +51,7 @@ def gap(case: Case, effects: tuple[AppliedEffect, ...]) -> np.ndarray:
     """Torque NRMSE of each joint, (n,)."""
     rows = Rows.recorded([case.recordings])
     left = gap_on_rows(rows, CorrectedArm(case.arm, effects), RigidBody(case.arm))
-    return np.sqrt((left**2).mean(axis=0)) / rows.scale
+    return rms(left) / rows.scale
 
 
 def rows(draws: int) -> Iterator[list[str]]:
@@ -75,8 +75,8 @@ def main() -> None:
     """Print the table."""
     options = command_line(__doc__, draws=2).parse_args()
     table = list(rows(options.draws))
-    if os.environ.get("GAPSCOPE_DATA"):
-        case = load_case(Path(__file__).parent / "cases" / "emps.yaml")
+    if DATA.is_dir():
+        case = load_case(CASES / "emps.yaml")
         named = names_of({"document": diagnose(case).document})
         table.append(["EMPS", "none", "", "", ", ".join(named) or "nothing"])
     print(markdown(HEAD, table))

@@ -10,8 +10,6 @@ of the same and of twice the bandwidth, at 50 to 500 Hz, with usual and threefol
 
 from __future__ import annotations
 
-import os
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,18 +17,17 @@ from typing import Any
 import numpy as np
 from common import command_line
 from generator_arms import recorded, write_side
+from real_carriers import LEGS, go2_leg
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.control import FEEDFORWARDS
 from gapscope.arm.io.json_file import plain, read_json, write_json
-from gapscope.arm.recording import Recording
-from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.arms import USUAL
 from gapscope.blind_check.generator.case import (
-    _feedforward,
-    _nominal_torque,
     draw_cause,
     draw_setup,
+    fed_forward,
+    needed_torque,
 )
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import STRONG, Conditions
@@ -57,11 +54,11 @@ def made(number: int, folder: Path) -> dict[str, Any] | None:
         return None
     loop, wider = setup.loop, BANDWIDTHS[number // 3 % 3]
     kind = FEEDFORWARDS[number % 3]
-    loop = replace(loop, kp=loop.kp * wider**2, kd=loop.kd * wider, feedforward=kind)
+    loop = loop._replace(kp=loop.kp * wider**2, kd=loop.kd * wider, feedforward=kind)
     torques = []
     for motion in setup.motions:
-        needed = _nominal_torque(setup.arm, setup.model, motion)
-        torques.append(_feedforward(kind, setup.model, motion, needed))
+        needed = needed_torque(setup.arm, setup.model, motion)
+        torques.append(fed_forward(kind, setup.model, motion, needed))
     setup = replace(setup, loop=loop, ahead=torques)
     laden = number % 3 != 2 and number // 3 % 3 == 2
     cause = draw_cause(LAWS["payload"], setup, STRONG[0], rng) if laden else None
@@ -141,29 +138,15 @@ def table(results: list[dict[str, Any]]) -> None:
         print(f"| {name} | {found} | {' | '.join(texts or ['', ''])} |")
 
 
-def go2(data: Path, out: Path) -> None:
+def go2(out: Path) -> None:
     """Print what is told of the legs of the Go2."""
-    tree = ET.parse(data / "unitree_go2" / "go2.xml")
-    # postures of the free robot, which a reader that fixes its base refuses
-    for postures in tree.getroot().findall("keyframe"):
-        tree.getroot().remove(postures)
-    file = out / "go2.xml"
-    tree.write(file)
-    for leg, name in enumerate(("FL", "FR", "RL", "RR")):
-        joints = [f"{name}_{joint}_joint" for joint in ("hip", "thigh", "calf")]
-        arm, recordings = load_nominal_arm(file, joints=joints), []
-        for k in range(6):
-            with np.load(data / "unitree_go2" / f"traj_{k}.npz") as rows:
-                own = slice(3 * leg, 3 * leg + 3)
-                names = ("q", "dq", "q_ref", "dq_ref")
-                log = {key: rows[key][:, own] for key in names}
-                recordings.append(Recording(f"{k}", rows["t"] - rows["t"][0], **log))
-        found = told_controller(Case(name, Path(), arm, tuple(recordings)))
+    for leg in LEGS:
+        found = told_controller(go2_leg(leg, out))
         half = Z95 * found.std
         for k, gain in enumerate(("kp", "kd")):
             pairs = zip(found.gains[:, k], half[:, k], strict=True)
             said = ", ".join(f"{value:.3g} ± {of:.2g}" for value, of in pairs)
-            print(f"{name} {gain}: {said}; delay {found.delay:.4f} s")
+            print(f"{leg} {gain}: {said}; delay {found.delay:.4f} s")
 
 
 def main() -> None:
@@ -173,7 +156,7 @@ def main() -> None:
     out = Path(options.out)
     (out / "cases").mkdir(parents=True, exist_ok=True)
     if options.go2:
-        go2(Path(os.environ["GAPSCOPE_DATA"]), out)
+        go2(out)
         return
     results = []
     for number in range(options.first, options.arms):

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from common import command_line, markdown, run_missing
+from common import CASES, command_line, markdown, run_missing
 from generator_arms import make_generated
 
 import gapscope
@@ -33,7 +33,6 @@ from gapscope.blind_check.generator.simulate import STRONG, CaseSpec, Conditions
 from gapscope.diagnosis.document.wording import verdict_sentence
 
 as_it_is = import_module("52_data_as_it_is")
-CASES = Path(__file__).resolve().parent / "cases"
 COMMANDS = ("inspect", "check", "diagnose", "identify")
 NAMES = {"q": "pos", "dq": "vel", "tau": "trq"}
 """A stranger's names of channels."""
@@ -153,7 +152,7 @@ def made_arm(robot: str, number: int, out: Path) -> Path:
     conditions = Conditions(robot, bare=True, rate=250, recordings=2)
     spec = CaseSpec("single", ("payload",), STRONG[1], conditions)
     folder = out / "made" / f"{robot}_{number}"
-    make_generated(spec, (number, 65), folder, folder.with_suffix(".json"))
+    make_generated(spec, (number, 65), folder)
     return folder
 
 

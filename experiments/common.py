@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import os
 import resource
 import signal
 import sys
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
@@ -16,14 +18,20 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 import gapscope
 from gapscope.arm.case import load_case
+from gapscope.arm.errors import ModelWarning
 from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.blind_check.scoring import named, same, wilson
 from gapscope.reports.pages import PageSection as Table
 
 T = TypeVar("T")
+CASES = Path(__file__).resolve().parent / "cases"
+"""Cases of real arms."""
+DATA = Path(os.environ.get("GAPSCOPE_DATA", CASES.parents[1] / "../shared/data"))
+"""Their recordings."""
 WAITING = 5.0
 """A task may take so many times its limit of processor time on a busy machine [1]."""
 Ended = Callable[[T, str, float], None]
@@ -31,7 +39,10 @@ Ended = Callable[[T, str, float], None]
 
 
 def command_line(description: str | None, **defaults: Any) -> argparse.ArgumentParser:
-    """A command line with options by their defaults: ``seeds=3`` is ``--seeds 3``, ``table=False`` a flag."""
+    """A command line with options by their defaults: ``seeds=3`` is ``--seeds 3``, ``table=False`` a flag.
+
+    A type stands for an option without a default: ``steps=int``.
+    """
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -39,6 +50,8 @@ def command_line(description: str | None, **defaults: Any) -> argparse.ArgumentP
         option = f"--{name.replace('_', '-')}"
         if default is False:
             parser.add_argument(option, action="store_true")
+        elif isinstance(default, type):
+            parser.add_argument(option, type=default)
         else:
             parser.add_argument(
                 option,
@@ -49,8 +62,16 @@ def command_line(description: str | None, **defaults: Any) -> argparse.ArgumentP
     return parser
 
 
-def run_part(description: str, parts: Mapping[str, Callable[[], object]]) -> None:
-    """Run the part that the first word of the command line names; the other words are its own."""
+def run_part(
+    description: str,
+    *functions: Callable[[], object],
+    **named: Callable[[], object],
+) -> None:
+    """Run the part that the first word of the command line names, a function or a name for one.
+
+    The other words are its own.
+    """
+    parts = {function.__name__: function for function in functions} | named
     parser = command_line(description)
     parser.add_argument(
         "part", choices=parts, help="one of them; PART --help says what it takes"
@@ -266,29 +287,50 @@ def study(
     options: argparse.Namespace,
     make: Callable[[], None],
     plans: Callable[[], Sequence[T]],
-    wanted: Callable[[T], Wanted],
+    sides: Callable[[T], tuple[Path, Path | None]],
     tables: Callable[[list[tuple[T, dict[str, Any]]]], Sequence[Table]],
 ) -> None:
-    """Make cases, diagnose them, and publish tables of plans and results, as ``--step`` asks.
+    """Make cases, diagnose them, and publish tables of plans and results, as ``--step`` asks; on one thread a process.
 
     Args:
         options: of ``study_options``, with ``out``.
         make: writes the cases.
-        plans: what is planned, once the cases are made.
-        wanted: the diagnosis of a plan.
+        plans: what is planned, once the cases are made, each with a ``name``.
+        sides: folder of the case of a plan, and of the reference that it is compared with, if any.
         tables: of the plans that have a result.
     """
+    warnings.simplefilter("ignore", ModelWarning)
+    threadpool_limits(1)
+    results = options.out / options.results
     if options.step in ("make", "all"):
         make()
-    planned = [(plan, wanted(plan)) for plan in plans()]
+    planned = [
+        (plan, Wanted(*sides(plan), results / f"{plan.name}.json")) for plan in plans()
+    ]
     if options.step in ("run", "all"):
         made = [one for _, one in planned if (one.case / "case.yaml").is_file()]
         diagnose_missing(made, options)
     if options.step in ("score", "all"):
         done = [(plan, one.file) for plan, one in planned if one.file.is_file()]
         rows = [(plan, read_json(file, "remove it")) for plan, file in done]
-        results = options.out / options.results
         publish(tables(rows), len(planned) - len(rows), len(planned), results)
+
+
+def grouped(
+    title: str,
+    head: Sequence[str],
+    items: Sequence[T],
+    key: Callable[[T], str],
+    cells: Callable[[Sequence[T]], Sequence[str]],
+    whole: Sequence[T] = (),
+) -> Table:
+    """A row for each value of a key, how many items have it and what is said of these; ``all`` of the whole at last."""
+    groups: dict[str, list[T]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    named = [*sorted(groups.items()), *[("all", whole)] * bool(whole)]
+    rows = [(name, str(len(own)), *cells(own)) for name, own in named]
+    return Table(title, ("", *head), rows)
 
 
 def kept(file: Path, make: Callable[..., Any], *arguments: Any) -> Any:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import CASES
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.agents.models import AgentModel, TorqueModel
@@ -25,6 +26,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import workspace
+from gapscope.arm.root_mean_square import rms
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.blind_check.generator.case import (
     CaseSetup,
@@ -72,9 +74,13 @@ LEARNT, LEARNT_BAND = 8, 60.0
 
 
 def make_generated(
-    spec: CaseSpec, seed: tuple[int, ...], folder: Path, truth: Path
+    spec: CaseSpec, seed: tuple[int, ...], folder: Path, label: Path | None = None
 ) -> dict[str, Any]:
-    """A case of the generator in a folder and its label in a file, made unless both are there; the label."""
+    """A case of the generator in a folder and its label in a file, made unless both are there; the label.
+
+    The file is by default beside the folder.
+    """
+    truth = label or folder.with_suffix(".json")
     if not (truth.is_file() and folder.is_dir()):
         made = make_case(spec, seed)
         shutil.rmtree(folder, ignore_errors=True)
@@ -87,6 +93,18 @@ def make_generated(
     return dict(read_json(truth, "remove it"))
 
 
+GENERATED = "generated"
+
+
+def named_case(name: str, spec: CaseSpec, seed: tuple[int, ...], out: Path) -> Path:
+    """The case of a name: ``GENERATED`` is made by the generator, others are files of real arms."""
+    if name != GENERATED:
+        return CASES / f"{name}.yaml"
+    folder = out / "cases" / name
+    make_generated(spec, seed, folder)
+    return folder
+
+
 def recorded(
     setup: CaseSetup, plants: TrueArm | Sequence[TrueArm], which: Sequence[int]
 ) -> list[Columns] | None:
@@ -94,7 +112,8 @@ def recorded(
     if isinstance(plants, TrueArm):
         plants = [plants] * len(which)
     rows = [setup.run(plant, k) for plant, k in zip(plants, which, strict=True)]
-    return None if any(r is None for r in rows) else [r for r in rows if r is not None]
+    found = [r for r in rows if r is not None]
+    return found if len(found) == len(rows) else None
 
 
 def write_side(
@@ -103,7 +122,7 @@ def write_side(
     """Write a case of some recordings; of a poor data sheet, nobody knows the friction."""
     if poor:
         unknown = np.zeros(setup.arm.n)
-        arm = replace(setup.arm, coulomb=unknown, viscous=unknown)
+        arm = setup.arm._replace(coulomb=unknown, viscous=unknown)
         setup = replace(setup, arm=arm)
     made = MadeCase(setup, setup.plant(()), (), [*rows, rows[-1]], {})
     unseen = folder.with_suffix(".csv")
@@ -213,7 +232,7 @@ class GeneratorArm:
             return False
         apart = (runs[1].q - runs[0].q)[2 * len(runs[0].q) // 3 :: 10]
         speed = np.diff(apart, axis=0) * RATE / 10
-        return float(np.sqrt(np.mean(speed**2, axis=0)).max()) < FASTEST_REST
+        return bool(rms(speed).max() < FASTEST_REST)
 
     def true_torque(self, which: int, first: TorqueModel, bandwidth: float) -> Fed:
         """The torque that this arm needs for a motion, learnt on the arm itself by iteration [N m], (N, n).
@@ -247,8 +266,7 @@ class GeneratorArm:
         """The true arm with a loop of its own gains; what its laws changed stays."""
         plant, loop = copy.copy(self.made.plant), self.made.plant.loop
         own = Tuning(bandwidth).gains(self._inertia)
-        plant.loop = replace(
-            loop,
+        plant.loop = loop._replace(
             rate=RATE,
             kp=own.kp,
             kd=own.kd,

@@ -12,15 +12,14 @@ from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import yaml
 
 
-@dataclass(frozen=True)
-class CaseFiles:
+class CaseFiles(NamedTuple):
     """What a case's folder holds: ``case.yaml``, the URDF, and the recordings by file name."""
 
     content: dict[str, Any]
@@ -73,7 +72,7 @@ HEAVIER = 7.3
 TURN = 0.7
 """Angle by which the base is turned about the vertical [rad]."""
 SHIFT, EPOCH = 1e5, 1.79e9
-"""Times that are added to all stamps [s]: a day of running, and the age of the Unix clock."""
+"""Times that are added to all stamps [s]: a day of running, and the age of the Unix clock, told to 0.2 us."""
 ROUNDING = 1e-9
 """Relative size of the changes of all numbers [1]: less than what files round."""
 
@@ -115,8 +114,7 @@ class Twin:
         return (-x if is_odd else x) / self.size(unit)
 
 
-@dataclass(frozen=True)
-class Relation:
+class Relation(NamedTuple):
     """A relation between two cases that have the same diagnosis.
 
     Attributes:
@@ -131,17 +129,6 @@ class Relation:
     what: str
     tolerance: float
     twin: Callable[[CaseFiles, np.random.Generator], Twin]
-
-
-def unchanged(case: CaseFiles, rng: np.random.Generator) -> Twin:
-    """The same case."""
-    return Twin(case)
-
-
-def recordings_reversed(case: CaseFiles, rng: np.random.Generator) -> Twin:
-    """The last recording first."""
-    content = {**case.content, "recordings": case.content["recordings"][::-1]}
-    return Twin(CaseFiles(content, case.urdf, case.recordings))
 
 
 def joints_permuted(case: CaseFiles, rng: np.random.Generator) -> Twin:
@@ -190,11 +177,6 @@ def rounded(case: CaseFiles, rng: np.random.Generator) -> Twin:
     )
 
 
-def first_row_dropped(case: CaseFiles, rng: np.random.Generator) -> Twin:
-    """Recordings that begin one row later."""
-    return _each_table(case, lambda table: table.iloc[1:])
-
-
 def other_units(case: CaseFiles, rng: np.random.Generator) -> Twin:
     """Time in ms, positions in degrees, torque in mN m, and an ``import:`` section that says so."""
     units = {"q": "deg", "dq": "deg/s", "tau": "mN m"}
@@ -225,14 +207,13 @@ def heavier(case: CaseFiles, rng: np.random.Generator) -> Twin:
     return Twin(CaseFiles(content, urdf, tables), heavier=HEAVIER)
 
 
-def time_shifted(case: CaseFiles, rng: np.random.Generator) -> Twin:
-    """A log that begins after a day."""
-    return _each_table(case, lambda table: table.assign(t=table["t"] + SHIFT))
-
-
-def unix_time(case: CaseFiles, rng: np.random.Generator) -> Twin:
-    """Stamps of the Unix clock, which have a resolution of 0.2 microseconds."""
-    return _each_table(case, lambda table: table.assign(t=table["t"] + EPOCH))
+def later(
+    seconds: float,
+) -> Callable[[CaseFiles, np.random.Generator], Twin]:
+    """Stamps that count from another moment."""
+    return lambda case, rng: _each_table(
+        case, lambda table: table.assign(t=table["t"] + seconds)
+    )
 
 
 def joint_mirrored(case: CaseFiles, rng: np.random.Generator) -> Twin:
@@ -276,8 +257,12 @@ def cut_in_half(case: CaseFiles, rng: np.random.Generator) -> Twin:
         middle = len(table) // 2
         tables[f"first_{name}"] = table.iloc[:middle]
         tables[f"second_{name}"] = table.iloc[middle:]
-    content = {**case.content, "recordings": list(tables)}
-    return Twin(CaseFiles(content, case.urdf, tables))
+    return _with_recordings(case._replace(recordings=tables), list(tables))
+
+
+def _with_recordings(case: CaseFiles, names: list[str]) -> Twin:
+    """The case with a list of its recordings."""
+    return Twin(case._replace(content={**case.content, "recordings": names}))
 
 
 def _each_table(
@@ -285,7 +270,7 @@ def _each_table(
 ) -> Twin:
     """The case with every recording changed."""
     tables = {name: change(table) for name, table in case.recordings.items()}
-    return Twin(CaseFiles(case.content, case.urdf, tables))
+    return Twin(case._replace(recordings=tables))
 
 
 def _scaled(case: CaseFiles, factor: Callable[[str], float]) -> dict[str, pd.DataFrame]:
@@ -300,18 +285,30 @@ def _channel(column: str) -> str:
 
 
 RELATIONS = (
-    Relation("unchanged", "nothing: diagnosed twice", EXACT, unchanged),
-    Relation("recordings", "order of the recordings", EXACT, recordings_reversed),
+    Relation(
+        "unchanged", "nothing: diagnosed twice", EXACT, lambda case, rng: Twin(case)
+    ),
+    Relation(
+        "recordings",
+        "order of the recordings",
+        EXACT,
+        lambda case, rng: _with_recordings(case, case.content["recordings"][::-1]),
+    ),
     Relation("joints", "order of the joints", EXACT, joints_permuted),
     Relation("files", "order in URDF and CSV", EXACT, files_shuffled),
     Relation("rounded", "numbers by 1e-9 of themselves", STAMPS, rounded),
     Relation("units", "ms, degrees, mN m", EXACT, other_units),
     Relation("heavier", f"masses and torques times {HEAVIER}", EXACT, heavier),
-    Relation("time", "stamps plus 1e5 s", EXACT, time_shifted),
-    Relation("unix", "stamps of the Unix clock", STAMPS, unix_time),
+    Relation("time", "stamps plus 1e5 s", EXACT, later(SHIFT)),
+    Relation("unix", "stamps of the Unix clock", STAMPS, later(EPOCH)),
     Relation("mirrored", "sense of one joint", EXACT, joint_mirrored),
     Relation("turned", "base turned about the vertical", EXACT, base_turned),
-    Relation("first_row", "first row left out", ROWS, first_row_dropped),
+    Relation(
+        "first_row",
+        "first row left out",
+        ROWS,
+        lambda case, rng: _each_table(case, lambda table: table.iloc[1:]),
+    ),
     Relation("cut", "each recording cut in two", ROWS, cut_in_half),
 )
 
@@ -326,8 +323,7 @@ NO_SCATTER = 1e-3
 """Least standard deviation of a value in a comparison, over the value [1]: a step of an encoder has none."""
 
 
-@dataclass(frozen=True)
-class Difference:
+class Difference(NamedTuple):
     """What differs between a case and its twin.
 
     Attributes:
@@ -354,6 +350,9 @@ class Difference:
 
 def compare(case: Document, other: Document, twin: Twin) -> Difference:
     """Compare the diagnosis of a twin, in the joints and units of its case, with that of the case."""
+    shares = {entry["effect"]: entry["share"] or 0.0 for entry in other["effects"]}
+    both = [entry for entry in case["effects"] if entry["effect"] in shares]
+    sizes = [abs((one["share"] or 0.0) - shares[one["effect"]]) for one in both]
     lists = [_effects(case, Twin(twin.files)), _effects(other, twin)]
     (named, possible), (named_too, possible_too) = lists
     same = case["verdict"] == other["verdict"]
@@ -365,7 +364,7 @@ def compare(case: Document, other: Document, twin: Twin) -> Difference:
         named=named == named_too,
         possible=possible == possible_too,
         value=_value_difference(case, other, twin),
-        share=_share_difference(case, other),
+        share=max(sizes, default=0.0),
         closed=abs((case["closed"] or 0.0) - (other["closed"] or 0.0)),
         words=words,
     )
@@ -386,14 +385,6 @@ def _described(
     parts = [f"{name} {joints}" for name, joints in named.items()]
     parts += [f"({name} {joints})" for name, joints in possible.items()]
     return f"{document['verdict']}: {', '.join(parts) or 'nothing'}"
-
-
-def _share_difference(case: Document, other: Document) -> float:
-    """Largest difference of the share of an effect that both name."""
-    shares = {entry["effect"]: entry["share"] or 0.0 for entry in other["effects"]}
-    both = [entry for entry in case["effects"] if entry["effect"] in shares]
-    sizes = [abs((one["share"] or 0.0) - shares[one["effect"]]) for one in both]
-    return max(sizes, default=0.0)
 
 
 def _value_difference(case: Document, other: Document, twin: Twin) -> float:

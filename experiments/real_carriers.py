@@ -8,13 +8,15 @@ side. The motion of a recording comes from filters of its own, not from the cond
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
 import yaml
+from common import CASES, DATA
 from scipy.signal import butter, sosfiltfilt
 
 import gapscope
@@ -26,6 +28,7 @@ from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.write_case import nominal_section, write_case
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.recorded import at_samples, smooth_motion
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings
@@ -59,7 +62,7 @@ def write_piece(case: Case, folder: Path) -> None:
 def on_motor_side(recording: Recording, matrix: np.ndarray) -> Recording:
     """q_motor = R q_joint and tau_motor = R^-T tau_joint, with R (n, n) of the case format."""
     dq = None if recording.dq is None else recording.dq @ matrix.T
-    torque = np.asarray(recording.tau) @ np.linalg.inv(matrix)
+    torque = recording.tau @ np.linalg.inv(matrix)
     return replace(recording, q=recording.q @ matrix.T, dq=dq, tau=torque)
 
 
@@ -101,7 +104,7 @@ def identified(case: Case, other: Case, folder: Path) -> None:
     for recording in other.recordings:
         motion = smooth_motion(recording)
         extra = full.predict(body, motion) - plain.predict(body, motion)
-        torque = np.asarray(recording.tau) - at_samples(extra, motion, recording.t)
+        torque = recording.tau - at_samples(extra, motion, recording.t)
         recordings.append(replace(recording, tau=torque))
     healthy = replace(other, arm=arm, recordings=tuple(recordings))
     write_piece(healthy, folder)
@@ -159,7 +162,6 @@ def _least_squares(
 
 # Carriers and their cuts
 
-CASES = Path(__file__).resolve().parent / "cases"
 ARMS = {
     "tx40": "staubli_tx40",
     "ur10": "ur10",
@@ -234,8 +236,32 @@ def _put_right(case: Case) -> Case:
     """The KUKA: its torques count the other way than its URDF, whose friction is a placeholder."""
     n = case.arm.n_joints
     arm = replace(case.arm, coulomb=np.zeros(n), viscous=np.zeros(n))
-    turned = tuple(replace(r, tau=-np.asarray(r.tau)) for r in case.recordings)
+    turned = tuple(replace(r, tau=-r.tau) for r in case.recordings)
     return replace(case, arm=arm, recordings=turned)
+
+
+LEGS = ("FL", "FR", "RL", "RR")
+
+
+def go2_leg(leg: str, folder: Path) -> Case:
+    """A leg of the Go2 in the air, hip, thigh and calf, without torque; its model is written into a folder."""
+    tree = ET.parse(DATA / "unitree_go2" / "go2.xml")
+    # postures of the free robot, which a reader that fixes its base refuses
+    for postures in tree.getroot().findall("keyframe"):
+        tree.getroot().remove(postures)
+    file = folder / "go2.xml"
+    folder.mkdir(parents=True, exist_ok=True)
+    tree.write(file)
+    joints = [f"{leg}_{joint}_joint" for joint in ("hip", "thigh", "calf")]
+    first, recordings = 3 * LEGS.index(leg), []
+    for k in range(6):
+        with np.load(DATA / "unitree_go2" / f"traj_{k}.npz") as rows:
+            names = ("q", "dq", "q_ref", "dq_ref")
+            log = {name: rows[name][:, first : first + 3] for name in names}
+            t = rows["t"] - rows["t"][0]
+        recordings.append(Recording(f"repeat{k}", t, **log))
+    arm = load_nominal_arm(file, joints=joints)
+    return Case(f"go2_{leg}", Path(), arm, tuple(recordings))
 
 
 Window = tuple[float, float]
@@ -282,8 +308,7 @@ def rows(recording: Recording, chosen: np.ndarray, name: str) -> Recording:
     return replace(part, t=part.t - part.t[0])
 
 
-@dataclass(frozen=True)
-class Prepared:
+class Prepared(NamedTuple):
     """What was prepared of one carrier and one cut of it.
 
     Attributes:

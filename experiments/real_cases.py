@@ -8,9 +8,9 @@ a run on some arms has the same cases as one on all of them (``26_real_benchmark
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -54,8 +54,7 @@ ALIKE = (
 """Effects of which a pair holds one at most: side by side neither has a size of its own."""
 
 
-@dataclass(frozen=True)
-class Injection:
+class Injection(NamedTuple):
     """A law with all its values.
 
     Attributes:
@@ -206,8 +205,7 @@ PAIR_ATTEMPTS = 12
 """Second effects that are tried for a pair."""
 
 
-@dataclass(frozen=True)
-class Planned:
+class Planned(NamedTuple):
     """One case to be made.
 
     Attributes:

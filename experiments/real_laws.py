@@ -13,6 +13,7 @@ from scipy.optimize import curve_fit
 
 from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.arm.root_mean_square import rms
 from gapscope.blind_check.generator import recorded
 from gapscope.blind_check.generator.laws import UNITS, in_other_units
 from gapscope.blind_check.generator.recorded import (
@@ -46,7 +47,7 @@ class Scene(recorded.Scene):
     @cached_property
     def torque(self) -> np.ndarray:
         """Recorded torque below 12 Hz [N m], (N, n)."""
-        return filtered(np.asarray(self.recording.tau), self.rate, TORQUE_CUTOFF)
+        return filtered(self.recording.tau, self.rate, TORQUE_CUTOFF)
 
     @cached_property
     def load(self) -> np.ndarray:
@@ -59,13 +60,13 @@ class Scene(recorded.Scene):
         Below 12 Hz and without the ends: the change of the torque less that of the torque that the positions ask for.
         """
         count = len(changed.t)
-        change = np.asarray(changed.tau) - np.asarray(self.recording.tau)[:count]
+        change = changed.tau - self.recording.tau[:count]
         if not np.array_equal(changed.q, self.recording.q[:count]):
             healthy = self.needed(self.recording)[:count]
             change = change - self.needed(changed) + healthy
         edge = int(np.ceil(TRIM * self.rate))
         kept = low_pass(change, self.rate, TORQUE_CUTOFF)[edge:-edge]
-        return np.sqrt((kept**2).mean(axis=0))
+        return rms(kept)
 
 
 SELF_LOCKED = 1e4
@@ -149,7 +150,7 @@ def _external_force(put: Put) -> Changed:
     rise = np.clip((t - start) / edge, 0, 1) * np.clip((end - t) / edge, 0, 1)
     shape = 0.5 - 0.5 * np.cos(np.pi * rise)
     force = np.ravel(put.x)[0] * put["direction"]
-    position = np.asarray(put.scene.recording.q)
+    position = put.scene.recording.q
     torque = put.scene.nominal_body.force_torque(position, force)
     power = (torque**2).sum(axis=1) * ((t >= start) & (t <= end))
     share = float((shape * power).sum() / power.sum())
@@ -201,7 +202,7 @@ def motor_moved(put: Put, twist: np.ndarray) -> Recording:
     friction = scene.truth.friction
     extra = scene.truth.armature * bend + friction(scene.dq + rate) - friction(scene.dq)
     dq = None if recording.dq is None else recording.dq + rate
-    tau = np.asarray(recording.tau) + extra
+    tau = recording.tau + extra
     return replace(recording, q=recording.q + leading, dq=dq, tau=tau)
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -83,8 +84,7 @@ FRICTION, LOAD = 2.0, 0.5
 """Friction of the first joint [N m] and mass at the tool [kg] of a chain."""
 
 
-@dataclass(frozen=True)
-class Simulated:
+class Simulated(NamedTuple):
     """What a case holds.
 
     Attributes:
@@ -166,8 +166,7 @@ REAL = (
 """Real arms, each with its file in ``experiments/cases``."""
 
 
-@dataclass(frozen=True)
-class Measured:
+class Measured(NamedTuple):
     """A case, and a reference if it is diagnosed against one."""
 
     name: str

@@ -9,9 +9,9 @@ Resets are not timed.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium
 import mujoco
@@ -20,8 +20,7 @@ from mujoco.batch import Batch
 
 from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.motions.trajectory import Fourier, motion_of, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
@@ -77,8 +76,7 @@ def reference(arm: NominalArm) -> tuple[Fourier, np.ndarray]:
 def torques(arm: NominalArm, effects: tuple[AppliedEffect, ...]) -> np.ndarray:
     """Torque of the motion [N m], shape (N, 7)."""
     motion, t = reference(arm)
-    series = Motion(t, motion.position(t), motion.velocity(t), motion.acceleration(t))
-    return CorrectedArm(arm, effects).predict(RigidBody(arm), series)
+    return CorrectedArm(arm, effects).predict(RigidBody(arm), motion_of(motion, t))
 
 
 def make(
@@ -120,16 +118,6 @@ def actions(
         assert not terminated, info
     assert truncated
     return np.array(rows)
-
-
-def environment_loop(environment: gymnasium.Env, rows: list[np.ndarray]) -> Loop:
-    """The environment through one episode of these actions."""
-
-    def run() -> None:
-        for action in rows:
-            environment.step(action)
-
-    return Loop(lambda: environment.reset(seed=0), run)
 
 
 SUB_STEPS, ARMS, FEW = 20, (8, 64), (8,)
@@ -175,7 +163,7 @@ def _one(settings: Settings, engine: str) -> list[Row]:
             rows = np.zeros((len(torque) // SUB_STEPS, 7))
             if action == "torque":
                 rows = actions(env, torque, SUB_STEPS)
-            loops[f"{label}, {action}"] = environment_loop(env, list(rows))
+            loops[f"{label}, {action}"] = _episode(env, list(rows))
     times = _in_turns(loops, settings, time.process_time)
     # of an action, in microseconds
     per = len(free) / SUB_STEPS / 1e6
@@ -221,6 +209,7 @@ def _together(settings: Settings, count: int) -> list[Row]:
     kinds = {"no effects": ((), free), "friction": (FRICTION, rough)}
     for label, (effects, torque) in kinds.items():
         one = make(arm, effects, "mujoco", SUB_STEPS)
+        # all but the last, which would end the episodes
         rows = actions(one, torque, SUB_STEPS)[:-1]
         for action in ("torque", "residual"):
             share = {"action_share": 100.0} if action == "torque" else {}
@@ -234,7 +223,8 @@ def _together(settings: Settings, count: int) -> list[Row]:
                 **share,
             )
             played = rows if action == "torque" else np.zeros_like(rows)
-            loops[f"{label}, {action}"] = _stepped(env, played, count)
+            stacked = np.repeat(played[:, None], count, axis=1).astype(np.float32)
+            loops[f"{label}, {action}"] = _episode(env, list(stacked))
     times = _in_turns(loops, settings, time.perf_counter)
     per = count * (len(free) / SUB_STEPS - 1) / 1e6
     notes = dict.fromkeys(times, "by the clock")
@@ -266,12 +256,11 @@ def _bare_batch(arm: NominalArm, torque: np.ndarray, count: int) -> Loop:
     return Loop(prepare, run)
 
 
-def _stepped(env: VectorArmTracking, rows: np.ndarray, count: int) -> Loop:
-    """All actions but the last, which would end the episodes."""
-    stacked = np.repeat(rows[:, None], count, axis=1).astype(np.float32)
+def _episode(env: Any, rows: Sequence[np.ndarray]) -> Loop:
+    """The environment, or many together, through these actions of one episode."""
 
     def run() -> None:
-        for actions in stacked:
-            env.step(actions)
+        for action in rows:
+            env.step(action)
 
     return Loop(lambda: env.reset(seed=0), run)

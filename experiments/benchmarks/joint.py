@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -51,8 +51,7 @@ HARMONICS, BASE_FREQUENCY, REACH = 5, 0.2, 1.2
 """Of the reference, its lowest frequency [Hz], its largest position [rad]."""
 
 
-@dataclass(frozen=True)
-class OneJoint:
+class OneJoint(NamedTuple):
     """A recording: time [s], reference and its velocity, measured position [rad], commanded torque [N m]."""
 
     t: np.ndarray

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -170,8 +171,7 @@ def put_into(page: Path, part: str, title: str, text: str) -> None:
         aside.write_text(f"{before}{begin}\n\n{text}\n\n{end}{after}", encoding="utf-8")
 
 
-@dataclass(frozen=True)
-class Settings:
+class Settings(NamedTuple):
     """What the command line asks for.
 
     Attributes:
@@ -189,8 +189,7 @@ class Settings:
     cases: tuple[Measured, ...] = ()
 
 
-@dataclass(frozen=True)
-class Point:
+class Point(NamedTuple):
     """One measurement, which is stored as a whole and not repeated.
 
     Attributes:

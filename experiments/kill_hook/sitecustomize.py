@@ -61,7 +61,6 @@ def _watch(event: str, arguments: tuple[object, ...]) -> None:
 
 
 def _write_count() -> None:
-    assert COUNT is not None
     Path(COUNT).write_text(str(_operations), encoding="utf-8")
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -126,8 +126,7 @@ def _instant(effect: Effect) -> bool:
     return not (bodies or in_time or isinstance(effect, Transmission))
 
 
-@dataclass(frozen=True, eq=False)
-class AgentModel:
+class AgentModel(NamedTuple):
     """A trained agent beside models: a policy, and the model that it was trained on top of.
 
     Attributes:
@@ -197,9 +196,9 @@ def read_models(
             raise InputError(
                 f"two models are called {name!r}", f"write NAME={source}", where="MODEL"
             )
-        is_agent = is_folder(Path(source))
+        path = Path(source)
         models[name] = (
-            read_agent(Path(source), arm) if is_agent else read_model(source, arm)
+            read_agent(path, arm) if is_folder(path) else read_model(source, arm)
         )
     return models
 

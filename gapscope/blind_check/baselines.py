@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from gapscope.model.conditioning import (
     condition,
     low_pass,
     position_cutoff,
+    torque_scale,
 )
 
 # What each effect adds to the torque, by finite differences of the corrected arm's prediction.
@@ -47,35 +47,29 @@ THIN = 5
 """Rows of the conditioned signals per row that is fitted."""
 
 
-@dataclass(frozen=True)
-class DesignColumn:
-    """One column: its effect, its joint (from 1; 0 for the arm)."""
-
-    effect: str
-    joint: int
+Term = tuple[str, int]
 
 
-@dataclass(frozen=True)
-class Design:
+class Design(NamedTuple):
     """A case as linear regression; every torque over the joint's scale, M rows, n joints.
 
     Attributes:
         gap: recorded minus nominal torque, flattened, (M n,).
-        terms: the effects that the columns represent.
+        terms: effect and joint (from 1; 0 for the arm) of each column.
         columns: (M n, K), each of unit length.
         nrmse: torque gap per joint, (n,).
         n_joints: n.
     """
 
     gap: np.ndarray
-    terms: tuple[DesignColumn, ...]
+    terms: Sequence[Term]
     columns: np.ndarray
     nrmse: np.ndarray
     n_joints: int
 
     def places(self, effect: str) -> list[int]:
         """Columns of an effect."""
-        return [k for k, term in enumerate(self.terms) if term.effect == effect]
+        return [k for k, (name, _) in enumerate(self.terms) if name == effect]
 
 
 def design(folder: Path) -> Design:
@@ -97,9 +91,7 @@ def design(folder: Path) -> Design:
         )
 
     nominal = predicted()
-    # the scale of ``torque_nrmse``: of a joint, or a share of the largest one's
-    deviation = torque.std(axis=0)
-    scale = np.maximum(deviation, 0.05 * deviation.max())
+    scale = torque_scale(torque)
     terms, columns = [], []
     for term, column in _columns(arm.n_joints, predicted, nominal):
         scaled = (column / scale).ravel()
@@ -111,7 +103,7 @@ def design(folder: Path) -> Design:
     gap = (torque - nominal) / scale
     return Design(
         gap=gap.ravel(),
-        terms=tuple(terms),
+        terms=terms,
         columns=np.stack(columns, axis=1),
         nrmse=rms(gap),
         n_joints=arm.n_joints,
@@ -127,14 +119,10 @@ def _stacked(series: list[tuple[Segment, np.ndarray]]) -> np.ndarray:
     return np.vstack(rows)
 
 
-Predict = Callable[..., np.ndarray]
-"""Torque of the arm with some effects [N m], (M, n)."""
-Columns = list[tuple[DesignColumn, np.ndarray]]
-"""The effect that a column represents, and the change of the torque [N m], (M, n)."""
-
-
-def _columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
-    """All columns of an arm with n joints, before scaling."""
+def _columns(
+    n: int, predicted: Callable[..., np.ndarray], nominal: np.ndarray
+) -> list[tuple[Term, np.ndarray]]:
+    """What all columns represent, of an arm with n joints, and how they change its torque [N m], (M, n)."""
     joints = tuple(range(1, n + 1))
     out = []
     # effects on the torque of their own joint: one prediction gives the columns of all joints
@@ -143,28 +131,30 @@ def _columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:
         change = predicted(AppliedEffect(effect, joints, values)) - nominal
         for j in joints:
             own = np.where(np.arange(n) == j - 1, change, 0.0)
-            out.append((DesignColumn(effect, j), own))
-    for applied in _single(n):
+            out.append(((effect, j), own))
+    # one column each: encoders and the base, and all links but the last, whose mass is the payload's
+    single = (
+        *(
+            AppliedEffect("encoder_offset", (j,), {"offset": np.array([1e-4])})
+            for j in joints
+        ),
+        _on_arm("base_tilt", roll=1e-4, pitch=0.0),
+        _on_arm("base_tilt", roll=0.0, pitch=1e-4),
+        *(
+            _on_arm("link_inertia", link=float(j), mass=1e-3, com=np.zeros(3))
+            for j in joints[:-1]
+        ),
+    )
+    for applied in single:
         # a link's column is told by its link, a joint's by its joint, the base's by 0
         joint = int(applied.parameters.get("link", (*applied.joints, 0)[0]))
-        column = DesignColumn(applied.name, joint)
-        out.append((column, predicted(applied) - nominal))
+        out.append(((applied.name, joint), predicted(applied) - nominal))
     # a mass at the origin of the last link, and its shifts along three axes
     coms = (np.zeros(3), *(0.1 * np.eye(3)))
     payloads = (_on_arm("payload", mass=1e-2, com=com) for com in coms)
     weight, *shifted = (predicted(payload) - nominal for payload in payloads)
-    at_last = DesignColumn("payload", 0)
-    return out + [(at_last, x) for x in (weight, *(y - weight for y in shifted))]
-
-
-def _single(n: int) -> Iterator[AppliedEffect]:
-    """Effects of one column each: encoders and the base, and all links but the last, whose mass is the payload's."""
-    for j in range(1, n + 1):
-        yield AppliedEffect("encoder_offset", (j,), {"offset": np.array([1e-4])})
-    yield _on_arm("base_tilt", roll=1e-4, pitch=0.0)
-    yield _on_arm("base_tilt", roll=0.0, pitch=1e-4)
-    for j in range(1, n):
-        yield _on_arm("link_inertia", link=float(j), mass=1e-3, com=np.zeros(3))
+    moved = (weight, *(y - weight for y in shifted))
+    return out + [(("payload", 0), x) for x in moved]
 
 
 def _on_arm(name: str, **values: float | np.ndarray) -> AppliedEffect:
@@ -299,7 +289,7 @@ def answer(
 
 
 def _effects(design: Design) -> list[str]:
-    return list(dict.fromkeys(term.effect for term in design.terms))
+    return list(dict.fromkeys(effect for effect, _ in design.terms))
 
 
 def _fit(design: Design, places: list[int]) -> np.ndarray:
@@ -318,21 +308,17 @@ def residual_share(design: Design, effect: str) -> float:
 def _joints(design: Design, places: list[int], weights: np.ndarray) -> list[int]:
     """Joints whose weight is at least ``JOINT_SHARE`` of the largest; none for effects on the arm or a link."""
     terms = [design.terms[k] for k in places]
-    if terms[0].joint == 0 or terms[0].effect == "link_inertia":
+    if 0 in terms[0] or "link_inertia" in terms[0]:
         return []
-    least = JOINT_SHARE * weights.max()
-    return [
-        term.joint
-        for term, weight in zip(terms, weights, strict=True)
-        if weight >= least
-    ]
+    pairs = zip(terms, weights >= JOINT_SHARE * weights.max(), strict=True)
+    return [joint for (_, joint), enough in pairs if enough]
 
 
 def _named(
     design: Design, chosen: list[int], weights: np.ndarray
 ) -> list[tuple[str, list[int]]]:
     """Effects of chosen columns, longest first, without those below ``EFFECT_SHARE`` of the longest."""
-    effects = [design.terms[k].effect for k in chosen]
+    effects = [design.terms[k][0] for k in chosen]
     length: dict[str, float] = {}
     for effect, weight in zip(effects, weights, strict=True):
         # columns have unit length: weights add up as lengths do

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -128,8 +128,7 @@ FAST = "fast"
 """The kind of motion that moves above 3 Hz."""
 
 
-@dataclass(frozen=True)
-class Declared:
+class Declared(NamedTuple):
     """A pair of effects that count as the same under a condition.
 
     Attributes:
@@ -266,6 +265,7 @@ class Compared:
         findings: probabilities.
         closure: share of the gap closed, or ``None``.
         seconds: duration of the diagnosis [s].
+        conditions: of the case.
     """
 
     name: str
@@ -279,12 +279,12 @@ class Compared:
     exact: bool
     exact_strict: bool
     jaccard: float
-    joints: tuple[bool, ...] = ()
-    errors: tuple[float, ...] = ()
-    findings: tuple[ScoredFinding, ...] = ()
-    closure: dict[str, Any] | None = None
-    seconds: float | None = None
-    conditions: dict[str, Any] = field(default_factory=dict)
+    joints: tuple[bool, ...]
+    errors: tuple[float, ...]
+    findings: tuple[ScoredFinding, ...]
+    closure: dict[str, Any] | None
+    seconds: float | None
+    conditions: dict[str, Any]
 
 
 def compare(
@@ -732,15 +732,15 @@ def _baselines(
 
 
 def _designs(cases: Path, names: list[str], jobs: int) -> list[Design | None]:
-    return list(Parallel(n_jobs=jobs)(delayed(_design)(cases / name) for name in names))
+    """The regressions of cases; ``None`` if a plain method cannot use a case's recordings."""
 
+    def made(folder: Path) -> Design | None:
+        try:
+            return design(folder)
+        except (GapscopeError, ValueError, np.linalg.LinAlgError):
+            return None
 
-def _design(folder: Path) -> Design | None:
-    """The regression of a case; ``None`` if its recordings cannot be used by a plain method."""
-    try:
-        return design(folder)
-    except (GapscopeError, ValueError, np.linalg.LinAlgError):
-        return None
+    return list(Parallel(n_jobs=jobs)(delayed(made)(cases / name) for name in names))
 
 
 def _trained(cases: Path, labels: Path, jobs: int) -> Any:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
 
 from gapscope.commands.options import File, Folder, NotNegative, as_command, split_names
 from gapscope.terminal import console, note, say, wrote
-
-if TYPE_CHECKING:
-    from gapscope.blind_check.check import BlindPlan
 
 blind = typer.Typer(
     help="The sealed check of the diagnosis.",
@@ -56,7 +53,7 @@ def make(
         show: print the truth: for work on the generator
     """
     from gapscope.arm.io.locked_section import locked
-    from gapscope.blind_check.check import COUNTS
+    from gapscope.blind_check.check import COUNTS, BlindPlan, read_plan
     from gapscope.blind_check.check import make as make_cases
     from gapscope.reports.blind_check import truth_lines
 
@@ -65,10 +62,12 @@ def make(
     # nothing named: the plan's, or those of the package
     changes["effects"] = split_names(effects) or None
     changes["robots"] = split_names(robots) or None
+    # an option that was not given leaves the plan as it is
+    given = {name: value for name, value in changes.items() if value is not None}
     with locked(out):
         commitment, truth = make_cases(
             out,
-            _changed_plan(plan, changes),
+            replace(read_plan(plan) if plan else BlindPlan(), **given),
             seed=seed,
             labels=labels,
             jobs=jobs,
@@ -77,16 +76,6 @@ def make(
     if show:
         say(*truth_lines(truth))
     wrote(commitment, truth)
-
-
-def _changed_plan(path: Path | None, changes: dict[str, Any]) -> BlindPlan:
-    """The plan of a file, or the default one, with the options that were given."""
-    from gapscope.blind_check.check import BlindPlan, read_plan
-
-    plan = read_plan(path) if path else BlindPlan()
-    # an option that was not given leaves the plan as it is
-    given = {name: value for name, value in changes.items() if value is not None}
-    return replace(plan, **given)
 
 
 def run(

@@ -109,9 +109,6 @@ def record(
         make_folder(sealed)
     rng, name = np.random.default_rng(seed), out.resolve().name
 
-    def write_truth(folder: Path) -> None:
-        write_corrected(name, truth, (sealed or folder) / TRUTH, faults=faults)
-
     with Progress(out.name or str(out)) as progress, locked(out):
         with error_context(effects, truth):
             made = (name, arm, truth, plan, rng)
@@ -121,7 +118,13 @@ def record(
                 case = fault.in_case(case, rng, arm)
         progress("writes the case")
         # with its truth in it from the start: without, it could not be told from a sealed one
-        file = write_case(case, out, ending=format_, beside=write_truth)
+        file = write_case(
+            *(case, out),
+            ending=format_,
+            beside=lambda folder: write_corrected(
+                name, truth, (sealed or folder) / TRUTH, faults=faults
+            ),
+        )
     hidden = hidden_by_reading_back(truth) if read_back else ()
     if hidden:
         note(

@@ -363,89 +363,6 @@ SMALLER = {
 """What makes an action of 1 less, by kind of action."""
 
 
-def divergence_info(
-    setup: Setup,
-    steps: int,
-    q: np.ndarray,
-    dq: np.ndarray,
-    effects: tuple[AppliedEffect, ...],
-    acted: bool,
-) -> dict[str, Any]:
-    """``divergence``: the fastest joint, counted from 1, and why the arm diverged after some steps of the episode.
-
-    Causes are told in the ``message``, the most likely first, each with what to change.
-
-    Args:
-        setup: of the environment.
-        steps: of the simulation, after which all was well.
-        q: last reading of the encoders [rad], shape (n,).
-        dq: true velocity [rad/s], shape (n,).
-        effects: of the episode.
-        acted: whether one of its actions was other than zero.
-    """
-    arm, control, dt = setup.arm, setup.control, setup.dt
-    joint, time = fastest(dq), float(steps * dt)
-    causes: list[str] = []
-    gains = control.gains
-    if gains is not None:
-        # of the nominal arm, for which gains are made: effects are another cause
-        mass = setup.body.mass_matrix(q) + np.diag(arm.armature)
-
-        def works(step: float) -> bool:
-            return pd_loop(gains, step).stable(mass, arm.viscous)
-
-        if not works(dt):
-            longest = largest_stable(works, dt)
-            lower = SAFE * pd_loop(gains, dt).stable_share([mass], arm.viscous)
-            below = f"bandwidth below {lower:.2g} of what it is"
-            # none is stable: then no number is advised
-            ways = [f"time_step below {0.5 * longest:.2g} s"] * (longest > 0)
-            ways.append(below if lower > 0 else "a lower bandwidth")
-            causes.append(
-                f"too large a step or gains: the PD loop is unstable at {dt:.3g} s; {', or '.join(ways)}"
-            )
-    if not np.isfinite(control.limit[joint]):
-        causes.append(
-            "no torque limit: give sheet={'torque_limit': [...]} in N m, one number per joint"
-        )
-    if arm.viscous[joint] == 0:
-        causes.append(
-            f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in N m s/rad"
-        )
-    # actions that were zero drive nothing
-    if acted:
-        causes.append(f"actions drive it: {SMALLER[control.kind]}")
-    if effects:
-        causes.append("effects drive it: milder effects")
-    if control.gains is None and not acted:
-        causes.append("nothing holds the arm: the action, zero here, is all its torque")
-    if not causes:
-        causes.append("feedforward drives it: another model, or feedforward='none'")
-    speed = float(abs(dq[joint]))
-    fast = f"{speed:.3g} rad/s" if np.isfinite(speed) else "a speed that is no number"
-    what = f"joint {joint + 1} diverged: {fast} after {time:.4g} s"
-    return {
-        "divergence": {
-            "joint": joint + 1,
-            "time": time,
-            "speed": speed,
-            "message": "\n  ".join([what, *causes]),
-        }
-    }
-
-
-def title(arm: NominalArm, effects: Sequence[AppliedEffect]) -> str:
-    """The arm with the names of its effects."""
-    names = ", ".join(applied.name.replace("_", " ") for applied in effects)
-    return f"{arm.name}: {names or 'no effects'}"
-
-
-def ending(info: Mapping[str, Any]) -> str:
-    """The first line of why an episode ended early; empty if it did not."""
-    divergence: str = info.get("divergence", {}).get("message", "")
-    return info.get("limit") or divergence.split("\n")[0]
-
-
 # The plant that agents act on: simulated arms with encoders, velocity estimates and, if wanted, PD loops; one
 # environment is one of N.
 
@@ -659,21 +576,73 @@ class Episodes:
         }
 
     def _early_end(self, number: int, stopped: np.ndarray) -> dict[str, Any]:
-        """Why the episode of an arm ends early after the last action; ``stopped``: mask of the joints at their stop."""
-        reading = self.position[number]
+        """Why the episode of an arm ends early after the last action; ``stopped``: mask of the joints at their stop.
+
+        Of a divergence the ``message`` tells the causes, the most likely first, each with what to change.
+        """
+        setup, q, dq = self.setup, self.position[number], self.dq[number]
+        arm, control, dt = setup.arm, setup.control, setup.dt
         if number not in self.diverged:
             joint = int(stopped.argmax())
-            name, read = self.setup.arm.joints[joint], f"{reading[joint]:.4g} rad"
+            name, read = arm.joints[joint], f"{q[joint]:.4g} rad"
             return {
                 "limit": f"joint {joint + 1} ({name}) came to its stop; its encoder reads {read}"
             }
         # the course has gone on already: it was the action before
-        before = int(self.at[number] - 1) * self.setup.sub_steps
-        until = before + self.diverged[number][0]
-        state = reading, self.dq[number]
-        hidden = self.effects[number]
+        before = int(self.at[number] - 1) * setup.sub_steps
+        joint, time = fastest(dq), float((before + self.diverged[number][0]) * dt)
         acted = bool(self._acted[number])
-        return divergence_info(self.setup, until, *state, hidden, acted)
+        causes: list[str] = []
+        gains = control.gains
+        if gains is not None:
+            # of the nominal arm, for which gains are made: effects are another cause
+            mass = setup.body.mass_matrix(q) + np.diag(arm.armature)
+
+            def works(step: float) -> bool:
+                return pd_loop(gains, step).stable(mass, arm.viscous)
+
+            if not works(dt):
+                longest = largest_stable(works, dt)
+                lower = SAFE * pd_loop(gains, dt).stable_share([mass], arm.viscous)
+                below = f"bandwidth below {lower:.2g} of what it is"
+                # none is stable: then no number is advised
+                ways = [f"time_step below {0.5 * longest:.2g} s"] * (longest > 0)
+                ways.append(below if lower > 0 else "a lower bandwidth")
+                causes.append(
+                    f"too large a step or gains: the PD loop is unstable at {dt:.3g} s; {', or '.join(ways)}"
+                )
+        if not np.isfinite(control.limit[joint]):
+            causes.append(
+                "no torque limit: give sheet={'torque_limit': [...]} in N m, one number per joint"
+            )
+        if arm.viscous[joint] == 0:
+            causes.append(
+                f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in N m s/rad"
+            )
+        # actions that were zero drive nothing
+        if acted:
+            causes.append(f"actions drive it: {SMALLER[control.kind]}")
+        if self.effects[number]:
+            causes.append("effects drive it: milder effects")
+        if control.gains is None and not acted:
+            causes.append(
+                "nothing holds the arm: the action, zero here, is all its torque"
+            )
+        if not causes:
+            causes.append("feedforward drives it: another model, or feedforward='none'")
+        speed = float(abs(dq[joint]))
+        fast = (
+            f"{speed:.3g} rad/s" if np.isfinite(speed) else "a speed that is no number"
+        )
+        what = f"joint {joint + 1} diverged: {fast} after {time:.4g} s"
+        return {
+            "divergence": {
+                "joint": joint + 1,
+                "time": time,
+                "speed": speed,
+                "message": "\n  ".join([what, *causes]),
+            }
+        }
 
     def error(self) -> np.ndarray:
         """The tracking errors [rad], shape (N, n)."""
@@ -1038,7 +1007,9 @@ class ArmTracking(gymnasium.Env):
         episodes = self._episodes
         self._course = course = episodes.begin(0, options or {}, self.np_random)
         if self._screen is not None:
-            self._screen.begin(title(self.arm, self.effects), course.q)
+            names = ", ".join(x.name.replace("_", " ") for x in self.effects)
+            title = f"{self.arm.name}: {names or 'no effects'}"
+            self._screen.begin(title, course.q)
         error = episodes.error()
         self._show(error[0], {})
         return episodes.observations(error)[0], episodes.truth(0)
@@ -1084,7 +1055,10 @@ class ArmTracking(gymnasium.Env):
         if self._screen is not None:
             episodes, rated = self._episodes, self.setup.control.rated
             share = episodes.torque[0] / rated
-            self._screen.add(episodes.q[0], error, share, ending(info))
+            # the first line of why the episode ends early
+            why: str = info.get("divergence", {}).get("message", "")
+            ending = info.get("limit") or why.split("\n")[0]
+            self._screen.add(episodes.q[0], error, share, ending)
 
 
 class VectorArmTracking(VectorEnv):

@@ -108,43 +108,30 @@ def draw_effects(
     Raises:
         InputError: a joint that the arm does not have.
     """
-    drawn = (
-        wanted.draw(rng)
-        if isinstance(wanted, EffectRanges)
-        else _draw_some(rng, arm, wanted, scale)
-    )
+    if isinstance(wanted, EffectRanges):
+        drawn = wanted.draw(rng)
+    else:
+        joints = (
+            np.arange(1, arm.n_joints + 1)
+            if wanted.joints is None
+            else np.array(sorted(set(wanted.joints)))
+        )
+        if joints.max() > arm.n_joints:
+            raise InputError(
+                f"joint {joints.max()} of an arm with {arm.n_joints} joints",
+                f"use joints from 1 to {arm.n_joints}",
+                where="randomisation.joints",
+            )
+        count = int(rng.integers(wanted.count[0], wanted.count[1], endpoint=True))
+        # sorted, so that the draw does not depend on the order in which names were given
+        names = rng.choice(sorted(set(wanted.names)), size=count, replace=False)
+        drawn = tuple(
+            _draw(rng, name, joints, wanted, scale) for name in sorted(names.tolist())
+        )
     known = {other.name for other in given}
     drawn = tuple(applied for applied in drawn if applied.name not in known)
     # with the effects, which may bring rotors or joints that need one
     return drawn + _rotors(arm, (*given, *drawn), scale)
-
-
-def _draw_some(
-    rng: np.random.Generator, arm: NominalArm, wanted: Randomisation, scale: ArmScale
-) -> tuple[AppliedEffect, ...]:
-    """Some effects of the catalogue, on some joints.
-
-    Raises:
-        InputError: a joint that the arm does not have.
-    """
-    joints = (
-        np.arange(1, arm.n_joints + 1)
-        if wanted.joints is None
-        else np.array(sorted(set(wanted.joints)))
-    )
-    if joints.max() > arm.n_joints:
-        raise InputError(
-            f"joint {joints.max()} of an arm with {arm.n_joints} joints",
-            f"use joints from 1 to {arm.n_joints}",
-            where="randomisation.joints",
-        )
-    count = int(rng.integers(wanted.count[0], wanted.count[1], endpoint=True))
-    # sorted, so that the draw does not depend on the order in which names were given
-    names = [
-        str(name)
-        for name in rng.choice(sorted(set(wanted.names)), size=count, replace=False)
-    ]
-    return tuple(_draw(rng, name, joints, wanted, scale) for name in sorted(names))
 
 
 def _draw(

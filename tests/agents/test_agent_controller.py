@@ -1,7 +1,5 @@
 """A trained agent as a controller: it sees what the environment shows, and acts as there."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -97,6 +95,6 @@ def test_an_agent_that_does_nothing_is_its_model(two: NominalArm) -> None:
         np.testing.assert_allclose(
             with_agent[name], alone[name], rtol=1e-6, atol=1e-9, err_msg=name
         )
-    own = replace(agent, policy=Noting(2))
+    own = agent._replace(policy=Noting(2))
     acting = bench.episodes("m", own, plan.engines[0], 0)[0]
     assert acting["joint_error"] > alone["joint_error"]

@@ -18,7 +18,6 @@ from gapscope.blind_check.generator.case import (
     draw_setup,
     make_case,
 )
-from gapscope.blind_check.generator.law import Cause, Draws
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
 from gapscope.blind_check.generator.rigid import inverse_dynamics
 from gapscope.blind_check.generator.simulate import CaseSpec, Conditions, simulate
@@ -82,10 +81,7 @@ def test_a_law_changes_the_torque_and_the_label_is_whole(
     rng = np.random.default_rng(5)
     joints = draw_joints(LAWS[name].joints, setup.arm.n, rng)
     assert joints is not None
-    drawn = (
-        Cause(LAWS[name], joints, LAWS[name].draw(Draws.of(rng, setup.context, joints)))
-        for _ in range(6)
-    )
+    drawn = (LAWS[name].cause(rng, setup, joints) for _ in range(6))
     cause, added = next(
         (c, a) for c in drawn if (a := setup.signature((c,))) is not None
     )

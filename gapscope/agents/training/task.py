@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -49,8 +49,7 @@ OTHER_FLOOR = 0.02
 """Least scale of the other quantities."""
 
 
-@dataclass(frozen=True, eq=False)
-class Normalisation:
+class Normalisation(NamedTuple):
     """z = clip((x - mean) / scale), where in x the velocity is replaced by that of the error, dq_ref - dq.
 
     Attributes:
@@ -140,8 +139,7 @@ ROUGH = ("pd", "gravity")
 """Models without inverse dynamics."""
 
 
-@dataclass(frozen=True)
-class Task:
+class Task(NamedTuple):
     """A model, the simulator made from it, and the arm that it is to be right about.
 
     Agents are trained and chosen in the simulator alone; the hidden effects act on no arm but ``hidden``'s. What is

@@ -343,7 +343,7 @@ def training_environments(
     def make() -> gymnasium.Env:
         one = task.simulator(settings)
         seen = Box(-LARGEST, LARGEST, one.observation_space.shape, np.float32)
-        return TransformObservation(one, normalisation, seen)
+        return TransformObservation(one, normalisation.__call__, seen)
 
     return SubprocVecEnv([make] * settings.environments)
 
@@ -581,7 +581,7 @@ def tune(
     finished = len(study.get_trials(deepcopy=False, states=complete))
     # a resumed search must not repeat the draws of the trials that are finished
     study.sampler = optuna.samplers.TPESampler(seed=settings.seed + finished)
-    without_hidden = replace(task, hidden=None)
+    without_hidden = task._replace(hidden=None)
 
     def value(trial: Any) -> float:
         """Reward of the best round of one short training in the simulator; its files are removed."""

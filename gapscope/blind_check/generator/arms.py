@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -186,8 +185,7 @@ def _sound(body: Inertial) -> Inertial:
 # The arms of the blind check: known robots, arms by Denavit-Hartenberg tables, and arms that are drawn.
 
 
-@dataclass(frozen=True)
-class Arm:
+class Arm(NamedTuple):
     """An arm with n joints and its data sheet; joint-side SI units.
 
     Attributes:

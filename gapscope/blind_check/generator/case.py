@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -20,7 +20,7 @@ from gapscope.blind_check.generator.arms import (
     perturb_inertials,
     text_of,
 )
-from gapscope.blind_check.generator.law import Cause, Draws, Law, LawContext
+from gapscope.blind_check.generator.law import Cause, Law, LawContext
 from gapscope.blind_check.generator.laws import LAWS, VARIANTS
 from gapscope.blind_check.generator.rigid import (
     inertia_diagonal,
@@ -52,21 +52,19 @@ RESTLESS = 0.35
 
 
 @dataclass(frozen=True)
-class CaseSetup:
+class CaseSetup(LawContext):
     """What stays the same while causes are tried; the last motion is the held-out one.
 
     Attributes:
-        arm, loop, healthy: the arm, its controller, its small imperfections.
+        loop, healthy: the arm's controller, its small imperfections.
         model: MuJoCo model of the nominal arm.
         believed: URDF root with the true inertials of the healthy twin (a little off the nominal ones).
         motions, kinds, ahead, noise: per recording reference, its kind, feedforward [N m], encoder noise [rad].
         thin: rows of the controller per row of the recording.
-        context: what laws may use.
         floor: RMS of the healthy twin's gap on the held-out motion [N m], (n,).
         twin: that gap itself [N m], (M, n).
     """
 
-    arm: Arm
     loop: Loop
     healthy: HealthyArm
     model: Any
@@ -76,7 +74,6 @@ class CaseSetup:
     ahead: list[np.ndarray]
     noise: list[np.ndarray]
     thin: int
-    context: LawContext
     floor: np.ndarray
     twin: np.ndarray
 
@@ -109,7 +106,7 @@ class CaseSetup:
         settled = rows["tau"][int(0.4 * self.loop.rate) :]
         change = np.abs(np.diff(settled, axis=0)).mean(axis=0)
         # a chattering command is no healthy loop, even if the arm stays near its reference
-        if (change / self.context.deviation).max() > RESTLESS:
+        if (change / self.deviation).max() > RESTLESS:
             return None
         return {name: series[:: self.thin] for name, series in rows.items()}
 
@@ -137,7 +134,7 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
     motions, kinds = _motions(arm, conditions, rng)
     postures = arm.home + rng.uniform(-1, 1, (20, arm.n)) * arm.half
     inertia = inertia_diagonal(model, postures).mean(axis=0)
-    torques = [_nominal_torque(arm, model, motion) for motion in motions]
+    torques = [needed_torque(arm, model, motion) for motion in motions]
     # a PD controller of 3 to 4.5 Hz bandwidth whose limit lies well above what the motions need
     w = rng.uniform(20, 28)
     damping = rng.uniform(0.8, 1.0)
@@ -163,11 +160,8 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
         presliding=10 ** rng.uniform(-4.7, -4.0),
         bend=rng.uniform(0.94, 1.0, arm.n),
     )
-    ahead = [np.zeros_like(motion.q) for motion in motions]
-    if loop.feedforward == "nominal":
-        ahead = torques
-    elif loop.feedforward == "gravity":
-        ahead = [_rigid_torque(model, motion, gravity_only=True) for motion in motions]
+    pairs = zip(motions, torques, strict=True)
+    ahead = [fed_forward(loop.feedforward, model, *pair) for pair in pairs]
     noise = [healthy.noise * rng.standard_normal(motion.q.shape) for motion in motions]
     believed = arm.root
     if conditions.inertials_off:
@@ -184,18 +178,15 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
         ahead=ahead,
         noise=noise,
         thin=conditions.loop_rate // conditions.rate,
-        context=LawContext(
-            arm=arm,
-            deviation=np.maximum(deviation, 0.05 * deviation.max()),
-            peak=np.abs(torques[-1]).max(axis=0),
-            speed=rms(motions[-1].dq),
-            inertia=inertia,
-            swing=np.ptp(motions[-1].q, axis=0),
-            middle=motions[-1].q.mean(axis=0),
-            tip=tip_path(model, np.vstack([motion.q[::20] for motion in motions])),
-            shortest=float(min(motion.t[-1] for motion in motions)),
-            encoder_step=healthy.encoder_step,
-        ),
+        deviation=np.maximum(deviation, 0.05 * deviation.max()),
+        peak=np.abs(torques[-1]).max(axis=0),
+        speed=rms(motions[-1].dq),
+        inertia=inertia,
+        swing=np.ptp(motions[-1].q, axis=0),
+        middle=motions[-1].q.mean(axis=0),
+        tip=tip_path(model, np.vstack([motion.q[::20] for motion in motions])),
+        shortest=float(min(motion.t[-1] for motion in motions)),
+        encoder_step=healthy.encoder_step,
         # measured below, on the setup itself
         floor=np.zeros(arm.n),
         twin=np.zeros(arm.n),
@@ -212,12 +203,21 @@ def sheet_of(arm: Arm) -> dict[str, np.ndarray]:
     return {"armature": arm.armature, "coulomb": arm.coulomb, "viscous": arm.viscous}
 
 
-def _nominal_torque(arm: Arm, model: Any, motion: Motion) -> np.ndarray:
+def needed_torque(arm: Arm, model: Any, motion: Motion) -> np.ndarray:
     """Torque that the nominal arm needs for a reference [N m], (N, n)."""
     rigid = _rigid_torque(model, motion)
     rotors = arm.armature * motion.ddq
     dry = arm.coulomb * np.tanh(motion.dq / KNEE)
     return rigid + rotors + dry + arm.viscous * motion.dq
+
+
+def fed_forward(
+    kind: str, model: Any, motion: Motion, needed: np.ndarray
+) -> np.ndarray:
+    """What a feedforward of a kind makes of the torque that the nominal arm needs for a reference [N m], (N, n)."""
+    if kind == "gravity":
+        return _rigid_torque(model, motion, gravity_only=True)
+    return needed if kind == "nominal" else np.zeros_like(needed)
 
 
 def _rigid_torque(
@@ -282,7 +282,7 @@ def draw_cause(
     joints = draw_joints(law.joints, setup.arm.n, rng)
     if joints is None:
         return None
-    cause = Cause(law, joints, law.draw(Draws.of(rng, setup.context, joints)))
+    cause = law.cause(rng, setup, joints)
     if severity is None or law.measure == "none":
         return cause
     low, high = severity
@@ -292,7 +292,7 @@ def draw_cause(
     targets[rng.integers(len(targets))] = target
     targets = np.maximum(targets, min(low, 2.0))
     if law.measure == "step":
-        now = cause.values["step"] / setup.context.encoder_step
+        now = cause.values["step"] / setup.encoder_step
         return cause.sized(np.full(len(joints), target) / now)
     return _sized(cause, setup, targets, severity)
 
@@ -310,7 +310,7 @@ def _sized(
     own, joints = cause.law.own, cause.joints
     least = np.zeros(setup.arm.n)
     if severity[0] >= STRONG[0][0]:
-        least = MIN_NRMSE / (setup.floor / setup.context.deviation)
+        least = MIN_NRMSE / (setup.floor / setup.deviation)
     shrunk = 1.0
     for _ in range(TRIES):
         if not cause.believable():
@@ -385,8 +385,7 @@ MIN_VISIBLE_NRMSE = 0.02
 """Torque NRMSE that a strong cause reaches in some recording that may be fitted."""
 
 
-@dataclass(frozen=True)
-class MadeCase:
+class MadeCase(NamedTuple):
     """A case before it is written.
 
     Attributes:
@@ -432,10 +431,10 @@ def _eased(spec: CaseSpec, attempt: int) -> CaseSpec:
     conditions = spec.conditions
     if attempt >= EASED[1]:
         nearly_true = min(conditions.inertials_off, 0.02)
-        conditions = replace(conditions, inertials_off=nearly_true)
+        conditions = conditions._replace(inertials_off=nearly_true)
     if attempt >= EASED[2]:
-        conditions = replace(conditions, robot="franka_panda", noise=1.0)
-    return replace(spec, severity=severity, conditions=conditions)
+        conditions = conditions._replace(robot="franka_panda", noise=1.0)
+    return spec._replace(severity=severity, conditions=conditions)
 
 
 def _attempt(spec: CaseSpec, rng: np.random.Generator, attempt: int) -> MadeCase | None:
@@ -510,7 +509,7 @@ def _label(
     own = rms(gap - setup.twin) / setup.floor
     by_torque = all(cause.law.measure == "torque" for cause in causes)
     steps = [
-        float(cause.values["step"].max() / setup.context.encoder_step)
+        float(cause.values["step"].max() / setup.encoder_step)
         for cause in causes
         if cause.law.measure == "step"
     ]
@@ -529,7 +528,7 @@ def _label(
         "signature": _rounded(own, 3),
         "gap": _rounded(nrmse, 5),
         "floor": _rounded(floor, 5),
-        "conditions": asdict(spec.conditions),
+        "conditions": spec.conditions._asdict(),
         "motions": setup.kinds,
         "feedforward": setup.loop.feedforward,
         "attempts": attempt + 1,
@@ -562,7 +561,7 @@ def write_case(
             "viscous": _plain(arm.viscous),
             "torque_limit": _plain(loop.limit),
             "encoder": "motor",
-            "encoder_step": made.setup.context.encoder_step,
+            "encoder_step": made.setup.encoder_step,
         },
     }
     if not bare:

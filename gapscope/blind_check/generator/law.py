@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,35 +42,28 @@ class LawContext:
     encoder_step: float
 
 
-@dataclass(frozen=True)
-class Draws(LawContext):
-    """A context from which one cause is drawn, on k joints: what it says of each joint is of those alone, (k,).
+class Draws:
+    """What a cause is drawn from, on k joints: what is said of each joint is of those alone, (k,).
+
+    Args:
+        rng: source of random numbers.
+        whole: the context of all joints.
+        joints: from 0, (k,).
 
     Attributes:
-        rng: source of random numbers.
-        joints: from 0, (k,).
-        whole: the context of all joints.
-        armature, coulomb, viscous: of the data sheet [kg m^2, N m, N m s/rad], (k,).
+        deviation, peak, speed, inertia, swing, middle: of the context.
+        armature, coulomb, viscous: of the data sheet [kg m^2, N m, N m s/rad].
     """
 
-    rng: np.random.Generator
-    joints: np.ndarray
-    whole: LawContext
-    armature: np.ndarray
-    coulomb: np.ndarray
-    viscous: np.ndarray
-
-    @classmethod
-    def of(
-        cls, rng: np.random.Generator, whole: LawContext, joints: np.ndarray
-    ) -> Draws:
-        """The draws of a cause on some joints."""
-        known = {f.name: getattr(whole, f.name) for f in fields(whole)}
-        for name in ("deviation", "peak", "speed", "inertia", "swing", "middle"):
-            known[name] = known[name][joints]
-        for name in ("armature", "coulomb", "viscous"):
-            known[name] = getattr(whole.arm, name)[joints]
-        return cls(**known, rng=rng, joints=joints, whole=whole)
+    def __init__(
+        self, rng: np.random.Generator, whole: LawContext, joints: np.ndarray
+    ) -> None:
+        self.rng, self.whole, self.joints, arm = rng, whole, joints, whole.arm
+        self.deviation, self.peak = whole.deviation[joints], whole.peak[joints]
+        self.speed, self.inertia = whole.speed[joints], whole.inertia[joints]
+        self.swing, self.middle = whole.swing[joints], whole.middle[joints]
+        self.armature, self.coulomb = arm.armature[joints], arm.coulomb[joints]
+        self.viscous = arm.viscous[joints]
 
     def uniform(self, low: float, high: float) -> np.ndarray:
         """Even between two numbers, of each joint, (k,)."""
@@ -89,8 +82,7 @@ Draw = Callable[[Draws], LawValues]
 Act = Callable[[TrueArm, np.ndarray, LawValues], None]
 
 
-@dataclass(frozen=True)
-class Law:
+class Law(NamedTuple):
     """One law.
 
     Attributes:
@@ -113,19 +105,24 @@ class Law:
     name: str
     draw: Draw
     act: Act
-    units: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = {}
     powers: Mapping[str, float] | None = None
     joints: str = "some"
-    largest: Mapping[str, float] = field(default_factory=dict)
+    largest: Mapping[str, float] = {}
     own: bool = True
     measure: str = "torque"
     outside: bool = False
     recovery: bool = False
     form: str = ""
 
+    def cause(
+        self, rng: np.random.Generator, whole: LawContext, joints: np.ndarray
+    ) -> Cause:
+        """It at work on some joints, counted from 0, with values that are drawn."""
+        return Cause(self, joints, self.draw(Draws(rng, whole, joints)))
 
-@dataclass(frozen=True)
-class Cause:
+
+class Cause(NamedTuple):
     """A law with values, at work on some joints.
 
     Attributes:
@@ -149,7 +146,7 @@ class Cause:
             changed[name] = (
                 changed[name] * grown if power > 0 else changed[name] / grown
             )
-        return replace(self, values=changed)
+        return self._replace(values=changed)
 
     def believable(self) -> bool:
         """Whether every value is within what its law allows."""

@@ -34,7 +34,7 @@ def _drift(draws: Draws) -> LawValues:
     return {
         "amplitude": draws.uniform(0.5, 1.0),
         "time_constant": np.full(
-            len(speed), draws.rng.uniform(0.25, 0.7) * draws.shortest
+            len(speed), draws.rng.uniform(0.25, 0.7) * draws.whole.shortest
         ),
         "share": draws.common(0.05, 0.15),
         "power": np.maximum(friction * speed, 1e-6),
@@ -107,7 +107,7 @@ FRICTION = (
 
 
 def _payload(draws: Draws) -> LawValues:
-    rng, largest = draws.rng, draws.arm.payload
+    rng, largest = draws.rng, draws.whole.arm.payload
     x, y, z = (rng.uniform(*r) for r in ((-0.04, 0.04), (-0.04, 0.04), (-0.01, 0.1)))
     com = np.array([x, y, z])
     mass = np.array(largest * rng.uniform(0.2, 0.9))
@@ -124,7 +124,7 @@ def _apply_payload(plant: TrueArm, joints: np.ndarray, values: LawValues) -> Non
 
 
 def _link(draws: Draws) -> LawValues:
-    rng, arm = draws.rng, draws.arm
+    rng, arm = draws.rng, draws.whole.arm
     link = int(rng.integers(2, max(arm.n, 3)))
     body = inertial_of(moved_links(arm.root)[link - 1])
     share = float(rng.choice([-1.0, 1.0], 1)[0] * rng.uniform(0.1, 0.3))
@@ -412,7 +412,7 @@ ACTUATION = (
 
 
 def _force(draws: Draws) -> LawValues:
-    rng, shortest = draws.rng, draws.shortest
+    rng, shortest = draws.rng, draws.whole.shortest
     way = rng.standard_normal(3)
     lasts = rng.uniform(0.15, 0.4) * shortest
     start = rng.uniform(1.2, shortest - lasts - 1.2)
@@ -453,7 +453,7 @@ SENSING = (
     ),
     Law(
         "encoder_quantization",
-        lambda draws: {"step": draws.encoder_step * draws.common(3.0, 20.0)},
+        lambda draws: {"step": draws.whole.encoder_step * draws.common(3.0, 20.0)},
         puts(step="step"),
         {"step": "rad"},
         largest={"step": 0.02},
@@ -664,7 +664,7 @@ def _contact(draws: Draws) -> LawValues:
     rng = draws.rng
     way = rng.standard_normal(3)
     way /= np.linalg.norm(way)
-    along = draws.tip @ way
+    along = draws.whole.tip @ way
     level = float(np.quantile(along, rng.uniform(0.8, 0.92)))
     depth = max(float(along.max()) - level, 0.01)
     return {
@@ -750,7 +750,7 @@ OUTSIDE = (
         "fading_torque_constant",
         lambda draws: {
             "share": draws.uniform(0.1, 0.25),
-            "time": draws.common(0.25, 0.5) * draws.shortest,
+            "time": draws.common(0.25, 0.5) * draws.whole.shortest,
             "load": draws.deviation + 0.3 * draws.peak,
         },
         puts(fade="share", fade_time="time", fade_load="load"),

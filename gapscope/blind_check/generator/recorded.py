@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -174,8 +174,7 @@ Changed = tuple[Recording, Values]
 Draw = Callable[[np.random.Generator, Scene, np.ndarray], Values]
 
 
-@dataclass(frozen=True)
-class RecordedLaw:
+class RecordedLaw(NamedTuple):
     """One law.
 
     Attributes:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -143,8 +142,7 @@ WEAK = ((0.5, 1.0), (1.0, 2.0), (2.0, 3.0))
 """Severity classes of the ladder, for information."""
 
 
-@dataclass(frozen=True)
-class Conditions:
+class Conditions(NamedTuple):
     """Conditions of one case.
 
     Attributes:
@@ -167,8 +165,7 @@ class Conditions:
     duration: tuple[float, float] = (8.0, 14.0)
 
 
-@dataclass(frozen=True)
-class CaseSpec:
+class CaseSpec(NamedTuple):
     """What one case is to be.
 
     Attributes:

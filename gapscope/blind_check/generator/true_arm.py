@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +20,7 @@ FILTER = np.dtype([(name, "f8", (MAX_JOINTS,)) for name in ("x1", "x2", "y1", "y
 """Memory of the velocity filter: its inputs x and outputs y of the last two ticks."""
 
 
-@dataclass(frozen=True)
-class Loop:
+class Loop(NamedTuple):
     """A PD controller, n joints.
 
     Attributes:
@@ -110,8 +110,7 @@ TipForce = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 """Force on the tip in the world [N], (3,), from time [s] and the tip's position [m] and velocity [m/s]."""
 
 
-@dataclass(frozen=True)
-class HealthyArm:
+class HealthyArm(NamedTuple):
     """What a healthy arm of a case is, beside its data sheet; n joints.
 
     Attributes:
