@@ -469,7 +469,7 @@ class NetworkTorque:
         # the last step is among them, so that the lines end there
         spaced = np.append(np.arange(0, last, SPACING), last)
         windows = self._residual.inputs.windows(motion, load, spaced)
-        said = self._residual.of_windows(windows).torque
+        said = self._residual.of_windows(windows)
         self._planned = interpolated(np.arange(last + 1), spaced, said)
         rows = slice(None, None, sub_steps)
         coarse = Motion(
@@ -497,7 +497,7 @@ class NetworkTorque:
         windows = self._residual.inputs.windows_of(
             self._seen, self._rate, np.array([number])
         )
-        torque = self._residual.of_windows(windows).torque[0]
+        torque = self._residual.of_windows(windows)[0]
         self._off = torque - self._on_reference[number]
 
     def torque(self, step: int) -> np.ndarray:
