@@ -69,7 +69,6 @@ from gapscope.ident.samples import (
     MOVING,
     PER_CUTOFF,
     PER_PARAMETER,
-    Band,
     Choice,
     FrictionLaw,
     ModelColumns,
@@ -97,6 +96,7 @@ from gapscope.model.effective_samples import (
     variance_inflation,
 )
 from gapscope.model.readings import as_mounted
+from gapscope.model.rows import DecimatedSegments
 
 # Encoder zeros estimated together with the parameters: what negative masses lead to asking.
 
@@ -229,7 +229,7 @@ def _reduced(
     def stacked(part: Callable[[Segment, Motion], np.ndarray]) -> np.ndarray:
         """Columns of each segment, (N, n, k), in the band, thinned, at unit noise, one row for each joint; (M n, k)."""
         pairs = zip(samples.segments, true, strict=True)
-        parts = [samples.band.thinned(part(s, motion), s) for s, motion in pairs]
+        parts = [samples.thin(part(s, motion), s) for s, motion in pairs]
         rows = np.concatenate(parts) / choice.noise[:, None]
         return rows.reshape(-1, rows.shape[2])
 
@@ -395,10 +395,8 @@ def fit_parameters(
     if cutoff is None:
         cutoff = position_cutoff(tuple(fit))
         settings = replace(settings, cutoff=cutoff)
-    band = Band(cutoff, settings.trim)
     columns = ModelColumns(case.arm)
-    segments = band.segments(fit)
-    samples = Samples(columns, segments, band.bounded(segments))
+    samples = Samples(columns, fit, cutoff, settings.trim)
     # whether the samples suffice is known with the simplest friction law
     simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
     seconds = samples.interval.sum()
@@ -626,41 +624,39 @@ class Validation:
 
 def validate(
     role: str,
-    segments: Sequence[Segment],
-    band: Band,
+    samples: DecimatedSegments,
     predict: Predict,
     nominal: Predict,
 ) -> Validation:
-    """Compare predictions with recorded torque, both in the band.
+    """Compare predictions with recorded torque, both in one band.
 
     Args:
         role: ``fit`` or ``judge``.
-        segments: with torque.
-        band: in which both sides are compared.
+        samples: segments with torque, and their band.
         predict: the identified model, segment to torque [N m], (N, n).
         nominal: the nominal arm, likewise.
     """
     parts = []
-    for segment in segments:
-        rows = band.rows(segment)
+    for segment in samples.segments:
+        rows = samples.inner(segment)
         motion = segment.motion
         sides = (np.asarray(segment.torque), predict(segment), nominal(segment))
-        filtered = (band.filtered(side, segment) for side in sides)
+        filtered = (samples.filtered(side, segment) for side in sides)
         known = motion.t[rows], motion.dq[rows], segment.measured[rows]
         parts.append((*known, *filtered))
     t, dq, every, torque, after, before = map(np.concatenate, zip(*parts, strict=True))
     lengths = [len(part[0]) for part in parts]
     group = np.repeat(np.arange(len(parts)), lengths)
-    rate = np.repeat([segment.motion.rate for segment in segments], lengths)
+    rate = np.repeat([segment.motion.rate for segment in samples.segments], lengths)
     # a torque that was not measured leaves nothing
     residual = np.where(every, torque - after, 0.0)
     return Validation(
-        recordings=tuple(dict.fromkeys(segment.recording for segment in segments)),
+        recordings=tuple(dict.fromkeys(s.recording for s in samples.segments)),
         role=role,
         every=errors(torque, after, every),
         moving=errors(torque, after, every & (np.abs(dq) > MOVING)),
         nominal=errors(torque, before, every),
-        whiteness=whiteness(residual, group, rate, band.cutoff),
+        whiteness=whiteness(residual, group, rate, samples.cutoff),
         t=t,
         torque=torque,
         predicted=after,
@@ -775,7 +771,7 @@ def examine_fit(
     """What a fit is worth: zeros, what the recordings determine, prediction of others, changes, and warnings."""
     case, settings, samples = fitted.case, fitted.settings, fitted.samples
     columns, base, problem = samples.columns, fitted.base, fitted.problem
-    law, cutoff = fitted.choice.law, samples.band.cutoff
+    law, cutoff = fitted.choice.law, samples.cutoff
     progress("looks at the joints' zeros")
     zeros = estimate_zeros(samples, fitted.choice, fitted.penalty)
     progress("examines what the recordings determine")
@@ -812,16 +808,15 @@ def examine_fit(
         value = base.nearest(fitted.estimate.value, columns.nominal(law))
     progress("validates")
     # what was held out goes through the same band as what was fitted
-    held_out = samples.band.segments(fitted.held_out)
+    held_out = samples.of(fitted.held_out)
     validation = (
-        validated(fitted, value, "fit", samples.segments),
+        validated(fitted, value, "fit", samples),
         validated(fitted, value, "judge", held_out),
     )
     predicted = None
     if interval is not None:
         # about what the model predicts on segments that were not fitted
-        others = Samples(columns, held_out, samples.band.bounded(held_out))
-        unseen = others.problem(law, base.kept, base.kept_names)
+        unseen = held_out.problem(law, base.kept, base.kept_names)
         predicted = predicted_torque(interval, unseen, base.of(value))
     table = tuple(troubleshooting(fitted, zeros))
     progress("looks for changes")
@@ -933,9 +928,9 @@ def validated(
     fitted: FittedParameters,
     value: np.ndarray,
     role: str,
-    segments: Sequence[Segment],
+    samples: Samples,
 ) -> Validation:
-    """Predictions of x = ``value``, (p,), and of the nominal arm on segments with torque; ``role`` names them."""
+    """Predictions of x = ``value``, (p,), and of the nominal arm on samples; ``role`` names them."""
     columns, law = fitted.columns, fitted.choice.law
 
     def predict(x: np.ndarray, segment: Segment) -> np.ndarray:
@@ -943,7 +938,7 @@ def validated(
         return columns.matrix(segment.motion, law) @ x + load
 
     both = partial(predict, value), partial(predict, columns.nominal(law))
-    return validate(role, segments, fitted.samples.band, *both)
+    return validate(role, samples, *both)
 
 
 # The troubleshooting table: symptom, cause, check, remedy, filled in from the data.
@@ -1077,8 +1072,7 @@ def troubleshooting(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row
         check="number of joints that rest",
         remedy="record a motion of every joint",
     )
-    cutoff = fitted.samples.band.cutoff
-    noise, lost = _spectral(fitted.fit, cutoff)
+    noise, lost = _spectral(fitted.fit, fitted.samples.cutoff)
     yield _row(
         "derivative_noise",
         noise,
