@@ -851,7 +851,7 @@ def examine_fit(
             f"{change_text(entry)}; cut the recording there, and name a known load in payloads:"
         )
     doubts += [*fitted.estimate.warnings, *determined.warnings]
-    warned = () if interval is None else interval.error.warnings()
+    warned = () if interval is None else interval.warnings()
     doubts += counted.warnings(model_error=bool(warned))
     doubts += warned
     if interval is None:

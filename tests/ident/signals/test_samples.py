@@ -52,7 +52,7 @@ def test_each_recording_counts_by_its_own_rate() -> None:
         assert found.counted.seconds == pytest.approx(19, rel=0.02)
         assert found.filtered.track.t[-1] == pytest.approx(19, rel=0.02)
     pairs = [
-        (found.counted.bandwidth, found.interval.error.noise, found.groups.stated_std)
+        (found.counted.bandwidth, found.interval.noise, found.groups.stated_std)
         for found in (one, other)
     ]
     for first, second in zip(*pairs, strict=True):

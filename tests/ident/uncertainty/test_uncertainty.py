@@ -110,7 +110,7 @@ def covered(size: float, runs: int = 25) -> np.ndarray:
         own = np.einsum("ijb,bc,ijc->ij", other, estimate.covariance, other)
         widths = interval.half_width(other), 1.96 * np.sqrt(own)
         shares = [(error <= width)[:, 0].mean() for width in widths]
-        found.append([*shares, bool(interval.error.warnings())])
+        found.append([*shares, bool(interval.warnings())])
     return np.mean(found, axis=0)
 
 
@@ -155,7 +155,7 @@ def test_few_samples_are_not_taken_for_an_effect_that_is_lacking() -> None:
         own = 0.02 + np.eye(4)[np.arange(160) * 4 // 160]
         W = motion_columns(rng, 160) * own[:, None, :]
         _, interval = least_squares(recorded(rng, W, 0.1 * filtered(rng, 160)))
-        assert not interval.error.warnings()
+        assert not interval.warnings()
 
 
 # Repeated groups: variance between them against what they state tells noise from model error.
