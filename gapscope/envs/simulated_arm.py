@@ -472,9 +472,7 @@ class NetworkTorque:
         said = self._residual.of_windows(windows)
         self._planned = interpolated(np.arange(last + 1), spaced, said)
         rows = slice(None, None, sub_steps)
-        coarse = Motion(
-            motion.t[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows]
-        )
+        coarse = motion.part(rows)
         self._load, self._ddq = load[rows], coarse.ddq
         self._rate = coarse.rate
         # at the same coarse samples as the measured motion: their error cancels
