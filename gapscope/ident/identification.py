@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -162,75 +161,56 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
 
     # the solver asks for the residual and its derivative at the same offsets
     @cache
-    def at(offset: tuple[float, ...]) -> _Reduced:
+    def at(offset: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return _reduced(samples, choice, rows * penalty, np.array(offset))
 
     widest = LARGEST * columns.arm.per_radian
     found = least_squares(
-        lambda offset: at(tuple(offset)).residual,
+        lambda offset: at(tuple(offset))[1],
         np.zeros(n),
-        jac=lambda offset: at(tuple(offset)).jacobian,
+        jac=lambda offset: at(tuple(offset))[2],
         bounds=(-widest, widest),
         # less than the noise of the data makes of the cost
         ftol=CONTRIBUTION**2,
     )
     # the same cost without offsets is the rival: the gain is by the offsets alone
-    without, final = at((0.0,) * n), at(tuple(found.x))
+    ends = at((0.0,) * n), at(tuple(found.x))
     impossible, with_offsets = (
-        len(inconsistent(check_links(one.value[: columns.links])))
-        for one in (without, final)
+        len(inconsistent(check_links(value[: columns.links]))) for value, *_ in ends
     )
+    without, cost = (float(residual @ residual) for _, residual, _ in ends)
     # a band of f Hz holds 2 f independent samples a second
-    noise_scale = np.sqrt(max(final.cost / rows, TINY) * PER_CUTOFF / 2)
-    deviation = final.spread * noise_scale
+    noise_scale = np.sqrt(max(cost / rows, TINY) * PER_CUTOFF / 2)
+    jacobian = ends[1][2]
+    spread = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    deviation = spread * noise_scale
     # a spread near WIDTH is the prior's: the data say nothing of that zero
-    known = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
+    known = (spread < KNOWN * WIDTH) & (found.active_mask == 0)
     # where a slide's zero lies shows in the levers alone
     known &= ~np.array(columns.arm.sliding) & bool(found.success)
     size = np.abs(found.x)
     certain = known & (size > LEAST) & (size > CERTAIN * deviation)
-    better = final.cost < (1 - SLIGHT) ** 2 * without.cost or with_offsets < impossible
+    better = cost < (1 - SLIGHT) ** 2 * without or with_offsets < impossible
     asked = np.flatnonzero(certain & better)
     return JointZeros(found.x, deviation, known, asked)
 
 
-class _Reduced(NamedTuple):
-    """The problem at some offsets with x eliminated.
-
-    Attributes:
-        value: the best x, shape (p,).
-        residual: of unit noise, in n + 1 orthonormal directions; its square is the cost.
-        jacobian: its derivative by the offsets, shape (n + 1, n).
-    """
-
-    value: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
-
-    @property
-    def cost(self) -> float:
-        """Sum of squares at unit noise, penalties included."""
-        return float(self.residual @ self.residual)
-
-    @property
-    def spread(self) -> np.ndarray:
-        """Standard deviation of the offsets at unit noise [rad], shape (n,)."""
-        return np.sqrt(np.diag(np.linalg.inv(self.jacobian.T @ self.jacobian)))
-
-
 def _reduced(
     samples: Samples, choice: Choice, weight: np.ndarray, offset: np.ndarray
-) -> _Reduced:
-    """Regularised least squares at some offsets, x eliminated by the triangular factor of [W, S, y]."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Regularised least squares at some offsets, x eliminated by the triangular factor of [W, S, y].
+
+    Returns:
+        The best x, (p,); the residual at unit noise in n + 1 orthonormal directions, whose square is the cost,
+        penalties included; and its derivative by the offsets, (n + 1, n).
+    """
     columns, law, p, n = samples.columns, choice.law, len(weight), len(offset)
     nominal, body = columns.nominal(law), columns.body
     true = [replace(s.motion, q=s.motion.q - offset) for s in samples.segments]
 
     def stacked(part: Callable[[Segment, Motion], np.ndarray]) -> np.ndarray:
         """Columns of each segment, (N, n, k), in the band, thinned, at unit noise, one row for each joint; (M n, k)."""
-        pairs = zip(samples.segments, true, strict=True)
-        parts = [samples.thin(part(s, motion), s) for s, motion in pairs]
-        rows = np.concatenate(parts) / choice.noise[:, None]
+        rows = samples.rows(map(part, samples.segments, true)) / choice.noise[:, None]
         return rows.reshape(-1, rows.shape[2])
 
     def equations(segment: Segment, motion: Motion) -> np.ndarray:
@@ -265,7 +245,7 @@ def _reduced(
     scaled = gram / unit[:, None] / unit
     # a little weight keeps the factor real where columns depend on each other to rounding
     rest = (cholesky(scaled + 1e-13 * np.eye(len(gram))) * unit)[p:, p:]
-    return _Reduced(value, rest[:, -1], -rest[:, :-1])
+    return value, rest[:, -1], -rest[:, :-1]
 
 
 # Identification: parameters fitted to recordings, what they are worth, and what makes them doubtful.

@@ -217,7 +217,6 @@ class ExcitationPlan:
         rate: samples per second that are written [Hz].
         criterion: ``condition``, ``d`` or ``e``; or ``separation`` of effects.
         effects: names of effects to separate, for ``separation``; with another criterion they are only reported on.
-        columns: quantities with columns of the regressor, beside the inertial ones.
         optimiser: one of ``OPTIMISERS``; by default ``gradient``, and ``cma`` for ``separation``.
         budget: when the search ends.
 
@@ -232,7 +231,6 @@ class ExcitationPlan:
     rate: float = 250.0
     criterion: str = "condition"
     effects: tuple[str, ...] = ()
-    columns: tuple[str, ...] = JOINT_COLUMNS
     optimiser: str | None = None
     budget: Budget = field(default_factory=Budget)
 
@@ -517,7 +515,7 @@ def design(prepared: Prepared, rng: np.random.Generator) -> Excitation:
     # criteria of long motions are computed from fewer samples
     step = -(-len(motion.t) // MOST)
     few = motion.part(slice(None, None, step))
-    model = ExcitationModel(arm, body, plan.columns)
+    model = ExcitationModel(arm, body, JOINT_COLUMNS)
     inertial = ExcitationModel(arm, body, ()).matrix(few)
     condition = condition_number(model.matrix(few))
     if plan.criterion != "separation":
@@ -592,7 +590,7 @@ def prepare(
     separating = plan.criterion == "separation"
     search = TrajectorySearch(
         parametrisation=Parametrisation(plan.family(arm.n_joints), allowed.motion),
-        model=ExcitationModel(arm, body, () if separating else plan.columns),
+        model=ExcitationModel(arm, body, () if separating else JOINT_COLUMNS),
         criterion=CRITERIA["condition" if separating else plan.criterion],
         checker=Checker(arm, body, tight, near),
         budget=plan.budget,
