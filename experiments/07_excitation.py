@@ -44,6 +44,7 @@ from gapscope.ident.excitation.trajectory_search import (
     TrajectorySearch,
 )
 from gapscope.ident.model.base_parameters import condition_number
+from gapscope.ident.model.regressor import JOINT_COLUMNS
 
 EFFECTS = ("coulomb_friction", "load_friction")
 RATE = 200.0
@@ -99,7 +100,7 @@ def optimised(
 def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
     """Print what is optimal by each criterion, for each kind of trajectory: median over the seeds, least and most."""
     body = RigidBody(arm)
-    model = ExcitationModel(arm, body, ExcitationPlan().columns)
+    model = ExcitationModel(arm, body, JOINT_COLUMNS)
     measures: tuple[Callable[[float], float], ...] = (
         float,
         *[lambda v: float(np.exp(-v))] * 2,

@@ -515,7 +515,7 @@ def coverage(
         hits.setdefault("torque, worst joint", []).append(
             float(inside.mean(axis=0).min())
         )
-        hits.setdefault("warned", []).append(float(bool(interval.error.warnings())))
+        hits.setdefault("warned", []).append(float(bool(interval.warnings())))
     return {name: float(np.mean(values)) for name, values in hits.items()}
 
 

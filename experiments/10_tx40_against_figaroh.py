@@ -24,12 +24,12 @@ from gapscope.ident.identification import (
     IdentificationSettings,
     identify,
 )
-from gapscope.ident.samples import MOVING, Band, FrictionLaw, ModelColumns
+from gapscope.ident.samples import MOVING, FrictionLaw, ModelColumns, Samples
 from gapscope.model.conditioning import Segment
 
 
 def plain(
-    columns: ModelColumns, fit: Segment, judged: Segment, band: Band
+    columns: ModelColumns, fit: Segment, judged: Segment, band: Samples
 ) -> tuple[np.ndarray, np.ndarray]:
     """Torque of a plain fit on both segments, in the band [N m]."""
     law = FrictionLaw()
@@ -54,7 +54,7 @@ def table(
     predicted: np.ndarray,
     fit: Segment,
     judged: Segment,
-    band: Band,
+    band: Samples,
 ) -> None:
     """Print the errors of one model; predictions in the band on every row, (N, 6)."""
     torque = [band.filtered(s.torque, s) for s in (fit, judged)]
@@ -84,11 +84,11 @@ def main() -> None:
     case = load_case(CASES / "staubli_tx40.yaml")
     print(f"read in {perf_counter() - start:.2f} s")
     for cutoff in (10.0, 100.0):
-        band = Band(cutoff, trim=False)
         start, work = perf_counter(), process_time()
         result = identify(case, IdentificationSettings(cutoff=cutoff, trim=False))
         seconds, work = perf_counter() - start, process_time() - work
-        (fit,), (judged,) = band.segments(case.recordings), band.segments(case.judged)
+        band = result.samples
+        (fit,), (judged,) = band.segments, band.of(case.judged).segments
         other = figaroh_fit(python, case, fit, judged, cutoff, out)
         possible = all(check.consistent for check in result.physical.after)
         print(

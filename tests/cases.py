@@ -26,6 +26,15 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.residual import (
+    Inputs,
+    Layout,
+    Network,
+    ResidualNetwork,
+    Trust,
+    draw_basis,
+    part_of_each,
+)
 from gapscope.envs.mystery_arm import POSTURE, iiwa
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
@@ -184,3 +193,28 @@ def panda_case(
         for k in range(count)
     )
     return case_of("panda", tooled_panda(), *recordings)
+
+
+def untrained_network(n: int) -> ResidualNetwork:
+    """A residual network that was never trained: additive on the even joints, an MLP on the odd ones."""
+    rng, taps, members = np.random.default_rng(0), 4, 3
+    c, near = Layout(n).channels, len(Layout(n).neighbourhood)
+    inputs = Inputs(n, taps, 0.02, np.zeros((n, c)), np.ones((n, c)))
+    sizes = [(len(inputs.seen_by_mlp), 5), (5, 2)]
+    weights = tuple(rng.standard_normal((members, n, a, b)) for a, b in sizes)
+    biases = tuple(rng.standard_normal((members, n, b)) for _, b in sizes)
+    basis = draw_basis(-np.ones((n, c)), np.ones((n, c)), 0)
+    head = 0.1 * rng.standard_normal((members, n, len(part_of_each(basis)), 2))
+    trust = Trust(rng.standard_normal((n, 6, near)), np.full(n, 50.0))
+    return ResidualNetwork(
+        inputs,
+        (
+            Network("additive", np.zeros(0, int), (head,), (biases[1],), basis),
+            Network("mlp", inputs.seen_by_mlp, weights, biases),
+        ),
+        np.arange(n) % 2,
+        trust,
+        np.ones(n),
+        np.full(n, 2.0),
+        12.0,
+    )

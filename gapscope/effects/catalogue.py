@@ -18,17 +18,15 @@ from typing import NamedTuple
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import read_text
 from gapscope.effects.actuation import DELAY, LAG, OFFSET, RIPPLE, SATURATION, SCALE
-from gapscope.effects.effect import DryLaw, Effect, Inertial, TorqueLaw
+from gapscope.effects.effect import Effect
 from gapscope.effects.environment import BASE_TILT, EXTERNAL_FORCE
 from gapscope.effects.friction import (
     COULOMB,
-    COULOMB_TORQUE,
     DRIFT,
     LOAD,
     SATURATING,
     STRIBECK,
     VISCOUS,
-    VISCOUS_COEFFICIENT,
 )
 from gapscope.effects.own_effects import (
     PAGE,
@@ -38,7 +36,7 @@ from gapscope.effects.own_effects import (
     run_file,
 )
 from gapscope.effects.parametrisation import linear_in
-from gapscope.effects.rigid_body import ARMATURE, LINK_INERTIA, PAYLOAD, ROTOR_INERTIA
+from gapscope.effects.rigid_body import ARMATURE, LINK_INERTIA, PAYLOAD
 from gapscope.effects.sensing import ENCODER_OFFSET, ENCODER_QUANTIZATION
 from gapscope.effects.transmission import BACKLASH, ELASTICITY, SPRING
 
@@ -51,82 +49,54 @@ from gapscope.effects.transmission import BACKLASH, ELASTICITY, SPRING
 
 _ALONE = "the joints of the motor one at a time, then against each other"
 
-COUPLED_COULOMB: DryLaw = replace(
-    COULOMB,
-    name="coupled_coulomb_friction",
-    equation="D^T c sgn(D dq)",
-    looks_like="a step of the torque of all joints of one motor, where the motor turns round",
-    confused_with=((COULOMB.name, _ALONE),),
-    on_joint=COULOMB.name,
-    parametrisation=linear_in(COULOMB_TORQUE, lowest=0.0),
-    severity=None,
-    reach="motor",
-    plotted_against="own torque",
-    quantities={"torque": "motor_friction"},
-)
 
-COUPLED_STRIBECK: DryLaw = replace(
-    STRIBECK,
-    name="coupled_stribeck_friction",
-    equation="D^T d exp(-(D dq / vs)^2) sgn(D dq)",
-    looks_like="friction of a motor that falls as it begins to move",
-    confused_with=((STRIBECK.name, _ALONE),),
-    on_joint=STRIBECK.name,
-    parametrisation=None,
-    severity=None,
-    reach="motor",
-    quantities={"torque": "motor_breakaway", "velocity": "motor_breakaway_speed"},
-    without="",
-)
+def _of_motor(effect: Effect, equation: str, looks_like: str) -> Effect:
+    """The effect of a joint as one of a motor; a diagnosis looks for those of one parameter."""
+    alone = len(effect.parameters) == 1
+    return replace(
+        effect,
+        name=f"coupled_{effect.name}",
+        equation=equation,
+        looks_like=looks_like,
+        confused_with=((effect.name, _ALONE),),
+        on_joint=effect.name,
+        parametrisation=linear_in(effect.parameters[0], lowest=0.0) if alone else None,
+        severity=None,
+        reach="motor",
+        plotted_against="own torque",
+        quantities={name: f"motor_{own}" for name, own in effect.quantities.items()},
+        without="",
+    )
 
-COUPLED_SATURATING: DryLaw = replace(
-    SATURATING,
-    name="coupled_saturating_friction",
-    equation="D^T d tanh(|D dq| / vs) sgn(D dq)",
-    looks_like="friction of a motor that grows with its speed, less and less",
-    confused_with=((SATURATING.name, _ALONE),),
-    on_joint=SATURATING.name,
-    parametrisation=None,
-    severity=None,
-    reach="motor",
-    plotted_against="own torque",
-    quantities={"torque": "motor_saturating", "velocity": "motor_saturating_speed"},
-    without="",
-)
-
-COUPLED_VISCOUS: TorqueLaw = replace(
-    VISCOUS,
-    name="coupled_viscous_friction",
-    equation="D^T b D dq",
-    looks_like="a torque on all joints of one motor, linear in the motor's speed",
-    confused_with=((VISCOUS.name, _ALONE),),
-    on_joint=VISCOUS.name,
-    parametrisation=linear_in(VISCOUS_COEFFICIENT, lowest=0.0),
-    severity=None,
-    reach="motor",
-    plotted_against="own torque",
-    quantities={"coefficient": "motor_damping"},
-)
-
-COUPLED_ARMATURE: Inertial = replace(
-    ARMATURE,
-    name="coupled_armature",
-    equation="D^T I D ddq",
-    looks_like="a torque on all joints of one motor, proportional to the motor's acceleration",
-    confused_with=((ARMATURE.name, _ALONE),),
-    on_joint=ARMATURE.name,
-    parametrisation=linear_in(ROTOR_INERTIA, lowest=0.0),
-    severity=None,
-    reach="motor",
-    plotted_against="own torque",
-    quantities={"inertia": "motor_rotor"},
-)
 
 COUPLED_MOTORS: dict[str, Effect] = {
     effect.name: effect
     for effect in (
-        *(COUPLED_COULOMB, COUPLED_VISCOUS, COUPLED_ARMATURE),
-        *(COUPLED_STRIBECK, COUPLED_SATURATING),
+        _of_motor(
+            COULOMB,
+            "D^T c sgn(D dq)",
+            "a step of the torque of all joints of one motor, where the motor turns round",
+        ),
+        _of_motor(
+            VISCOUS,
+            "D^T b D dq",
+            "a torque on all joints of one motor, linear in the motor's speed",
+        ),
+        _of_motor(
+            ARMATURE,
+            "D^T I D ddq",
+            "a torque on all joints of one motor, proportional to the motor's acceleration",
+        ),
+        _of_motor(
+            STRIBECK,
+            "D^T d exp(-(D dq / vs)^2) sgn(D dq)",
+            "friction of a motor that falls as it begins to move",
+        ),
+        _of_motor(
+            SATURATING,
+            "D^T d tanh(|D dq| / vs) sgn(D dq)",
+            "friction of a motor that grows with its speed, less and less",
+        ),
     )
 }
 """Effects of coupled motors by name; the catalogue is for arms of any kind and does without them.

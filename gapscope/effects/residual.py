@@ -443,20 +443,6 @@ CHUNK = 1000
 """Samples that are evaluated at once."""
 
 
-class NetworkPrediction(NamedTuple):
-    """What the network says of N samples of n joints.
-
-    Attributes:
-        torque: to be added to the torque that the corrected arm predicts [N m], (N, n).
-        std: standard deviation of the residual then, noise and the members' disagreement together [N m], (N, n).
-        trust: factor by which the torque was shrunk [1], (N, n).
-    """
-
-    torque: np.ndarray
-    std: np.ndarray
-    trust: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
 class ResidualNetwork:
     """Residual torque of an arm with n joints: trust(x) times the mean of the members, within bounds.
@@ -490,10 +476,6 @@ class ResidualNetwork:
 
     def torque(self, motion: Motion, load: np.ndarray) -> np.ndarray:
         """Residual torque [N m], (N, n); ``load`` is the torque that the corrected arm predicts [N m], (N, n)."""
-        return self.predict(motion, load).torque
-
-    def predict(self, motion: Motion, load: np.ndarray) -> NetworkPrediction:
-        """Residual torque with its standard deviation and trust."""
         self.check(motion.q.shape[1])
         count = len(motion.t)
         # windows of a whole recording would fill the memory
@@ -504,35 +486,24 @@ class ResidualNetwork:
             self.of_windows(self.inputs.windows_of(series, motion.rate, chunk))
             for chunk in rows
         ]
-        return NetworkPrediction(*map(np.concatenate, zip(*parts, strict=True)))
+        return np.concatenate(parts)
 
-    def of_windows(self, windows: np.ndarray) -> NetworkPrediction:
+    def of_windows(self, windows: np.ndarray) -> np.ndarray:
         """The same of normalised windows (n, N, taps, C); one sample of a running arm is N = 1."""
-        mean, spread, _ = self.outputs(windows)
+        # array operations that a tensor knows as well: so it is exported
+        mean = np.zeros((self.inputs.n, 1))
+        for k, network in enumerate(self.networks):
+            speaks = (self.chosen == k)[:, None]
+            # one that no joint has chosen costs nothing
+            if not speaks.any():
+                continue
+            output, _ = network.outputs(windows)
+            mean = mean + output.sum(axis=0) / network.members * speaks
         # the present sample, and of it what tells a state
         near = windows[:, :, -1, self.inputs.layout.neighbourhood]
-        trust = self.trust.factor(near).T
-        torque = np.clip(trust * self.scale * mean, -self.bound, self.bound)
-        return NetworkPrediction(torque, spread * self.scale, trust)
-
-    def outputs(self, windows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Mean, standard deviation and disagreement of the members over the joint's scale, each (N, n).
-
-        Without trust and bound; on a joint on which none speaks 0, 1 and 0.
-        """
-        shape = windows.shape[1::-1]
-        mean, spread, apart = np.zeros(shape), np.ones(shape), np.zeros(shape)
-        for k, network in enumerate(self.networks):
-            joints = self.chosen == k
-            if not joints.any():
-                continue
-            output, log_variance = (x[:, joints] for x in network.outputs(windows))
-            mean[:, joints] = output.mean(axis=0).T
-            # variance of a mixture: between the members, plus the mean of their own
-            variance = output.var(axis=0) + np.exp(log_variance).mean(axis=0)
-            spread[:, joints] = np.sqrt(variance).T
-            apart[:, joints] = output.std(axis=0).T
-        return mean, spread, apart
+        torque = self.trust.factor(near) * self.scale[:, None] * mean
+        bound = self.bound[:, None]
+        return np.clip(torque, -bound, bound).transpose(1, 0)
 
 
 # The file ``residual.npz``: a residual network as arrays, without pickle.

@@ -13,7 +13,7 @@ from gapscope.arm.control import PD
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.reading import Columns, Reading, references
+from gapscope.arm.reading import Columns, Reading, interpolated, references
 from gapscope.arm.recording import Recording
 from gapscope.effects.parameter import Parameter
 
@@ -74,7 +74,7 @@ class Fault:
     name: ClassVar[str]
     scope: ClassVar[str]
     looks_like: ClassVar[str]
-    reference: ClassVar[str]
+    reference: ClassVar[str] = "siciliano2009"
     variants: ClassVar[tuple[str, ...]] = ()
     parameters: ClassVar[tuple[Parameter, ...]] = ()
 
@@ -235,7 +235,6 @@ class SignFlip(Fault):
     name = "sign_flip"
     scope = "joint"
     looks_like = "torque of a joint mirrored against what its motion needs"
-    reference = "siciliano2009"
     variants = ("torque", "position", "joint")
     joints: tuple[int, ...]
     variant: str = "torque"
@@ -281,7 +280,6 @@ class JointSwap(Fault):
     name = "joint_swap"
     scope = "joint"
     looks_like = "each of two torques fits the other joint's motion"
-    reference = "siciliano2009"
     variants = ("torque", "joint")
     joints: tuple[int, int]
     variant: str = "torque"
@@ -323,7 +321,6 @@ class UnitMismatch(Fault):
     looks_like = (
         "positions, times or torques off by a factor that is a unit's or a gear's"
     )
-    reference = "siciliano2009"
     variants = ("degrees", "milliseconds", "motor_side", "revolutions")
     parameters = (Parameter("ratio", "r", "1", (1.0, 1000.0), (50.0, 160.0)),)
     variant: str
@@ -389,7 +386,6 @@ class ZeroOffset(Fault):
     looks_like = (
         "gravity torque as if a joint and what hangs on it were turned by a large angle"
     )
-    reference = "siciliano2009"
     parameters = (
         Parameter("offset", "delta", "rad", (-np.pi, np.pi), (-np.pi / 2, np.pi / 2)),
     )
@@ -432,7 +428,6 @@ class GravityCompensatedTorque(Fault):
     looks_like = (
         "torque needed for acceleration and friction alone, as if nothing had weight"
     )
-    reference = "siciliano2009"
 
     @classmethod
     def candidates(cls, look: Look) -> list[Fault]:
@@ -651,7 +646,6 @@ class IgnoredVelocityReference(Fault):
     name = "ignored_velocity_reference"
     scope = "arm"
     looks_like = "position errors in proportion to the speed"
-    reference = "siciliano2009"
     parameters = (Parameter("lead", "T", "s", (1e-4, 10.0), (0.02, 0.2)),)
     lead: float = 0.0557
 
@@ -678,7 +672,6 @@ class VelocityOfReference(Fault):
     name = "velocity_of_reference"
     scope = "arm"
     looks_like = "a velocity that is not the derivative of the recorded position"
-    reference = "siciliano2009"
 
     def reading(self, n: int) -> Reading:
         """Without the velocity."""
@@ -705,7 +698,6 @@ class SpeedScaling(Fault):
     name = "speed_scaling"
     scope = "arm"
     looks_like = "position errors that grow with time, as if the arm fell behind"
-    reference = "siciliano2009"
     parameters = (Parameter("factor", "s", "1", (0.02, 5.0), (0.1, 0.9)),)
     factor: float
 
@@ -722,17 +714,10 @@ class SpeedScaling(Fault):
         t = recording.t
         # at t the plan is where the arm will be at t0 + (t - t0) / s
         planned = t[0] + (t - t[0]) / self.factor
-        q_planned = [np.interp(planned, t, column) for column in q_ref.T]
-        dq_planned = [
-            # positions stay at their last value by themselves
-            np.interp(planned, t, column, right=0.0) / self.factor
-            for column in dq_ref.T
-        ]
-        return replace(
-            recording,
-            q_ref=np.column_stack(q_planned),
-            dq_ref=np.column_stack(dq_planned),
-        )
+        rate = interpolated(planned, t, dq_ref) / self.factor
+        # positions stay at their last value by themselves
+        rate[planned > t[-1]] = 0.0
+        return replace(recording, q_ref=interpolated(planned, t, q_ref), dq_ref=rate)
 
 
 @dataclass(frozen=True)
@@ -747,7 +732,6 @@ class CoarseReference(Fault):
     name = "coarse_reference"
     scope = "arm"
     looks_like = "steps or corners in the reference which the torque does not show"
-    reference = "siciliano2009"
     variants = ("held", "interpolated")
     parameters = (Parameter("period", "T", "s", (1e-3, 1.0), (0.02, 0.1)),)
     variant: str
@@ -784,8 +768,8 @@ class CoarseReference(Fault):
         held_rate = np.vstack([slopes, np.zeros(q_ref.shape[1])])[before]
         if self.variant == "held":
             return replace(recording, q_ref=q_ref[kept][before], dq_ref=held_rate)
-        lines = [np.interp(t, t[kept], column) for column in q_ref[kept].T]
-        return replace(recording, q_ref=np.column_stack(lines), dq_ref=held_rate)
+        lines = interpolated(t, t[kept], q_ref[kept])
+        return replace(recording, q_ref=lines, dq_ref=held_rate)
 
 
 # Faults about the controller: gains that are not those declared, torques that gains gave and nobody measured.
@@ -807,7 +791,6 @@ class GainMismatch(Fault):
     name = "gain_mismatch"
     scope = "joint"
     looks_like = "torques in proportion to the tracking error, with another factor than the declared gains"
-    reference = "siciliano2009"
     parameters = (
         Parameter("kp_factor", "a", "1", FACTOR, (0.1, 30.0)),
         Parameter("kd_factor", "b", "1", FACTOR, (0.01, 10.0)),
@@ -853,7 +836,6 @@ class UnmeasuredTorque(Fault):
     name = "unmeasured_torque"
     scope = "joint"
     looks_like = "a torque without any noise of its own that does not fit the motion"
-    reference = "siciliano2009"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("kp", "kp", "N m/rad", (0.0, 1e6), (10.0, 500.0)),
         Parameter("kd", "kd", "N m s/rad", (0.0, 1e5), (0.5, 20.0)),

@@ -469,12 +469,10 @@ class NetworkTorque:
         # the last step is among them, so that the lines end there
         spaced = np.append(np.arange(0, last, SPACING), last)
         windows = self._residual.inputs.windows(motion, load, spaced)
-        said = self._residual.of_windows(windows).torque
+        said = self._residual.of_windows(windows)
         self._planned = interpolated(np.arange(last + 1), spaced, said)
         rows = slice(None, None, sub_steps)
-        coarse = Motion(
-            motion.t[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows]
-        )
+        coarse = motion.part(rows)
         self._load, self._ddq = load[rows], coarse.ddq
         self._rate = coarse.rate
         # at the same coarse samples as the measured motion: their error cancels
@@ -497,7 +495,7 @@ class NetworkTorque:
         windows = self._residual.inputs.windows_of(
             self._seen, self._rate, np.array([number])
         )
-        torque = self._residual.of_windows(windows).torque[0]
+        torque = self._residual.of_windows(windows)[0]
         self._off = torque - self._on_reference[number]
 
     def torque(self, step: int) -> np.ndarray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -69,7 +68,6 @@ from gapscope.ident.samples import (
     MOVING,
     PER_CUTOFF,
     PER_PARAMETER,
-    Band,
     Choice,
     FrictionLaw,
     ModelColumns,
@@ -97,6 +95,7 @@ from gapscope.model.effective_samples import (
     variance_inflation,
 )
 from gapscope.model.readings import as_mounted
+from gapscope.model.rows import DecimatedSegments
 
 # Encoder zeros estimated together with the parameters: what negative masses lead to asking.
 
@@ -162,75 +161,56 @@ def estimate_zeros(samples: Samples, choice: Choice, penalty: np.ndarray) -> Joi
 
     # the solver asks for the residual and its derivative at the same offsets
     @cache
-    def at(offset: tuple[float, ...]) -> _Reduced:
+    def at(offset: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return _reduced(samples, choice, rows * penalty, np.array(offset))
 
     widest = LARGEST * columns.arm.per_radian
     found = least_squares(
-        lambda offset: at(tuple(offset)).residual,
+        lambda offset: at(tuple(offset))[1],
         np.zeros(n),
-        jac=lambda offset: at(tuple(offset)).jacobian,
+        jac=lambda offset: at(tuple(offset))[2],
         bounds=(-widest, widest),
         # less than the noise of the data makes of the cost
         ftol=CONTRIBUTION**2,
     )
     # the same cost without offsets is the rival: the gain is by the offsets alone
-    without, final = at((0.0,) * n), at(tuple(found.x))
+    ends = at((0.0,) * n), at(tuple(found.x))
     impossible, with_offsets = (
-        len(inconsistent(check_links(one.value[: columns.links])))
-        for one in (without, final)
+        len(inconsistent(check_links(value[: columns.links]))) for value, *_ in ends
     )
+    without, cost = (float(residual @ residual) for _, residual, _ in ends)
     # a band of f Hz holds 2 f independent samples a second
-    noise_scale = np.sqrt(max(final.cost / rows, TINY) * PER_CUTOFF / 2)
-    deviation = final.spread * noise_scale
+    noise_scale = np.sqrt(max(cost / rows, TINY) * PER_CUTOFF / 2)
+    jacobian = ends[1][2]
+    spread = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    deviation = spread * noise_scale
     # a spread near WIDTH is the prior's: the data say nothing of that zero
-    known = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
+    known = (spread < KNOWN * WIDTH) & (found.active_mask == 0)
     # where a slide's zero lies shows in the levers alone
     known &= ~np.array(columns.arm.sliding) & bool(found.success)
     size = np.abs(found.x)
     certain = known & (size > LEAST) & (size > CERTAIN * deviation)
-    better = final.cost < (1 - SLIGHT) ** 2 * without.cost or with_offsets < impossible
+    better = cost < (1 - SLIGHT) ** 2 * without or with_offsets < impossible
     asked = np.flatnonzero(certain & better)
     return JointZeros(found.x, deviation, known, asked)
 
 
-class _Reduced(NamedTuple):
-    """The problem at some offsets with x eliminated.
-
-    Attributes:
-        value: the best x, shape (p,).
-        residual: of unit noise, in n + 1 orthonormal directions; its square is the cost.
-        jacobian: its derivative by the offsets, shape (n + 1, n).
-    """
-
-    value: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
-
-    @property
-    def cost(self) -> float:
-        """Sum of squares at unit noise, penalties included."""
-        return float(self.residual @ self.residual)
-
-    @property
-    def spread(self) -> np.ndarray:
-        """Standard deviation of the offsets at unit noise [rad], shape (n,)."""
-        return np.sqrt(np.diag(np.linalg.inv(self.jacobian.T @ self.jacobian)))
-
-
 def _reduced(
     samples: Samples, choice: Choice, weight: np.ndarray, offset: np.ndarray
-) -> _Reduced:
-    """Regularised least squares at some offsets, x eliminated by the triangular factor of [W, S, y]."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Regularised least squares at some offsets, x eliminated by the triangular factor of [W, S, y].
+
+    Returns:
+        The best x, (p,); the residual at unit noise in n + 1 orthonormal directions, whose square is the cost,
+        penalties included; and its derivative by the offsets, (n + 1, n).
+    """
     columns, law, p, n = samples.columns, choice.law, len(weight), len(offset)
     nominal, body = columns.nominal(law), columns.body
     true = [replace(s.motion, q=s.motion.q - offset) for s in samples.segments]
 
     def stacked(part: Callable[[Segment, Motion], np.ndarray]) -> np.ndarray:
         """Columns of each segment, (N, n, k), in the band, thinned, at unit noise, one row for each joint; (M n, k)."""
-        pairs = zip(samples.segments, true, strict=True)
-        parts = [samples.band.thinned(part(s, motion), s) for s, motion in pairs]
-        rows = np.concatenate(parts) / choice.noise[:, None]
+        rows = samples.rows(map(part, samples.segments, true)) / choice.noise[:, None]
         return rows.reshape(-1, rows.shape[2])
 
     def equations(segment: Segment, motion: Motion) -> np.ndarray:
@@ -265,7 +245,7 @@ def _reduced(
     scaled = gram / unit[:, None] / unit
     # a little weight keeps the factor real where columns depend on each other to rounding
     rest = (cholesky(scaled + 1e-13 * np.eye(len(gram))) * unit)[p:, p:]
-    return _Reduced(value, rest[:, -1], -rest[:, :-1])
+    return value, rest[:, -1], -rest[:, :-1]
 
 
 # Identification: parameters fitted to recordings, what they are worth, and what makes them doubtful.
@@ -395,10 +375,8 @@ def fit_parameters(
     if cutoff is None:
         cutoff = position_cutoff(tuple(fit))
         settings = replace(settings, cutoff=cutoff)
-    band = Band(cutoff, settings.trim)
     columns = ModelColumns(case.arm)
-    segments = band.segments(fit)
-    samples = Samples(columns, segments, band.bounded(segments))
+    samples = Samples(columns, fit, cutoff, settings.trim)
     # whether the samples suffice is known with the simplest friction law
     simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
     seconds = samples.interval.sum()
@@ -626,41 +604,39 @@ class Validation:
 
 def validate(
     role: str,
-    segments: Sequence[Segment],
-    band: Band,
+    samples: DecimatedSegments,
     predict: Predict,
     nominal: Predict,
 ) -> Validation:
-    """Compare predictions with recorded torque, both in the band.
+    """Compare predictions with recorded torque, both in one band.
 
     Args:
         role: ``fit`` or ``judge``.
-        segments: with torque.
-        band: in which both sides are compared.
+        samples: segments with torque, and their band.
         predict: the identified model, segment to torque [N m], (N, n).
         nominal: the nominal arm, likewise.
     """
     parts = []
-    for segment in segments:
-        rows = band.rows(segment)
+    for segment in samples.segments:
+        rows = samples.inner(segment)
         motion = segment.motion
         sides = (np.asarray(segment.torque), predict(segment), nominal(segment))
-        filtered = (band.filtered(side, segment) for side in sides)
+        filtered = (samples.filtered(side, segment) for side in sides)
         known = motion.t[rows], motion.dq[rows], segment.measured[rows]
         parts.append((*known, *filtered))
     t, dq, every, torque, after, before = map(np.concatenate, zip(*parts, strict=True))
     lengths = [len(part[0]) for part in parts]
     group = np.repeat(np.arange(len(parts)), lengths)
-    rate = np.repeat([segment.motion.rate for segment in segments], lengths)
+    rate = np.repeat([segment.motion.rate for segment in samples.segments], lengths)
     # a torque that was not measured leaves nothing
     residual = np.where(every, torque - after, 0.0)
     return Validation(
-        recordings=tuple(dict.fromkeys(segment.recording for segment in segments)),
+        recordings=tuple(dict.fromkeys(s.recording for s in samples.segments)),
         role=role,
         every=errors(torque, after, every),
         moving=errors(torque, after, every & (np.abs(dq) > MOVING)),
         nominal=errors(torque, before, every),
-        whiteness=whiteness(residual, group, rate, band.cutoff),
+        whiteness=whiteness(residual, group, rate, samples.cutoff),
         t=t,
         torque=torque,
         predicted=after,
@@ -775,7 +751,7 @@ def examine_fit(
     """What a fit is worth: zeros, what the recordings determine, prediction of others, changes, and warnings."""
     case, settings, samples = fitted.case, fitted.settings, fitted.samples
     columns, base, problem = samples.columns, fitted.base, fitted.problem
-    law, cutoff = fitted.choice.law, samples.band.cutoff
+    law, cutoff = fitted.choice.law, samples.cutoff
     progress("looks at the joints' zeros")
     zeros = estimate_zeros(samples, fitted.choice, fitted.penalty)
     progress("examines what the recordings determine")
@@ -812,16 +788,15 @@ def examine_fit(
         value = base.nearest(fitted.estimate.value, columns.nominal(law))
     progress("validates")
     # what was held out goes through the same band as what was fitted
-    held_out = samples.band.segments(fitted.held_out)
+    held_out = samples.of(fitted.held_out)
     validation = (
-        validated(fitted, value, "fit", samples.segments),
+        validated(fitted, value, "fit", samples),
         validated(fitted, value, "judge", held_out),
     )
     predicted = None
     if interval is not None:
         # about what the model predicts on segments that were not fitted
-        others = Samples(columns, held_out, samples.band.bounded(held_out))
-        unseen = others.problem(law, base.kept, base.kept_names)
+        unseen = held_out.problem(law, base.kept, base.kept_names)
         predicted = predicted_torque(interval, unseen, base.of(value))
     table = tuple(troubleshooting(fitted, zeros))
     progress("looks for changes")
@@ -856,7 +831,7 @@ def examine_fit(
             f"{change_text(entry)}; cut the recording there, and name a known load in payloads:"
         )
     doubts += [*fitted.estimate.warnings, *determined.warnings]
-    warned = () if interval is None else interval.error.warnings()
+    warned = () if interval is None else interval.warnings()
     doubts += counted.warnings(model_error=bool(warned))
     doubts += warned
     if interval is None:
@@ -933,9 +908,9 @@ def validated(
     fitted: FittedParameters,
     value: np.ndarray,
     role: str,
-    segments: Sequence[Segment],
+    samples: Samples,
 ) -> Validation:
-    """Predictions of x = ``value``, (p,), and of the nominal arm on segments with torque; ``role`` names them."""
+    """Predictions of x = ``value``, (p,), and of the nominal arm on samples; ``role`` names them."""
     columns, law = fitted.columns, fitted.choice.law
 
     def predict(x: np.ndarray, segment: Segment) -> np.ndarray:
@@ -943,7 +918,7 @@ def validated(
         return columns.matrix(segment.motion, law) @ x + load
 
     both = partial(predict, value), partial(predict, columns.nominal(law))
-    return validate(role, segments, fitted.samples.band, *both)
+    return validate(role, samples, *both)
 
 
 # The troubleshooting table: symptom, cause, check, remedy, filled in from the data.
@@ -1077,8 +1052,7 @@ def troubleshooting(fitted: FittedParameters, zeros: JointZeros) -> Iterator[Row
         check="number of joints that rest",
         remedy="record a motion of every joint",
     )
-    cutoff = fitted.samples.band.cutoff
-    noise, lost = _spectral(fitted.fit, cutoff)
+    noise, lost = _spectral(fitted.fit, fitted.samples.cutoff)
     yield _row(
         "derivative_noise",
         noise,

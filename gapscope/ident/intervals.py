@@ -156,55 +156,9 @@ TAPER = 0.1
 """Share of a series that is faded in and out before its spectrum is taken."""
 
 
-@dataclass(frozen=True)
-class ModelError:
-    """The part of the residuals that is not noise, per joint.
-
-    Attributes:
-        systematic: standard deviation of the part that follows the motion [N m], shape (n,).
-        noise: standard deviation of the rest [N m], shape (n,).
-        p_value: how often noise alone would look like this, shape (n,).
-        groups: number of groups that showed it.
-        torque: standard deviation of the torque [N m], shape (n,).
-    """
-
-    systematic: np.ndarray
-    noise: np.ndarray
-    p_value: np.ndarray
-    groups: int
-    torque: np.ndarray
-
-    @property
-    def found(self) -> np.ndarray:
-        """Joints, counted from 1, on which noise alone is not believed."""
-        # as many tests as joints: the chance is of any of them
-        return np.flatnonzero(self.p_value * len(self.p_value) < DOUBT) + 1
-
-    @property
-    def material(self) -> np.ndarray:
-        """Those of them, counted from 1, on which it is no slight part of the torque and exceeds the noise."""
-        least = np.maximum(SLIGHT * self.torque, self.noise)
-        visible = self.systematic > least
-        return self.found[visible[self.found - 1]]
-
-    def warnings(self) -> tuple[str, ...]:
-        """A warning that names the joints on which model error is material, if there are any."""
-        joints = self.material
-        if not len(joints):
-            return ()
-        size = np.hypot(self.systematic, self.noise).clip(TINY)
-        share = (self.systematic / size)[joints - 1].max()
-        return (
-            f"the residual on joint {', '.join(map(str, joints))} is not noise ({share:.0%} of it follows the "
-            "motion): the model lacks an effect, and s^2 (W^T W)^-1 states too small errors; use intervals that count "
-            "model error, and `gapscope diagnose` to name the effect; record slow and fast motions apart, slow ones "
-            "for friction and gravity, fast ones for inertia, and validate each on the other",
-        )
-
-
 def model_error(
     problem: Problem, residual: np.ndarray, cutoff: float = TORQUE_CUTOFF
-) -> ModelError:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Split residuals into noise, level up to the cut-off, and model error, which lies where the motion lies.
 
     The periodogram's mean up to a quarter of the cut-off over its mean from a third to a half of it has Fisher's F
@@ -215,6 +169,10 @@ def model_error(
         problem: whose groups and interval count.
         residual: [N m], shape (N, n), better of groups that were not fitted.
         cutoff: of the low-pass that the torque passed [Hz]; Nyquist's frequency if that is lower.
+
+    Returns:
+        Standard deviations of the part that follows the motion and of the rest [N m], and how often noise alone would
+        look like this [1]; each (n,).
 
     Source: pintelon2012.
     """
@@ -239,13 +197,7 @@ def model_error(
     variance = (residual**2).mean(axis=0)
     # the floor is flat: noise has as much density in the low band
     systematic = np.minimum((LOW * cutoff * (low - floor)).clip(0.0), variance)
-    return ModelError(
-        systematic=np.sqrt(systematic),
-        noise=np.sqrt(variance - systematic),
-        p_value=p_value,
-        groups=len(spans),
-        torque=problem.torque.std(axis=0),
-    )
+    return np.sqrt(systematic), np.sqrt(variance - systematic), p_value
 
 
 # Uncertainty that holds for autocorrelated residuals: block jackknife, intervals.
@@ -516,15 +468,50 @@ def _variance(problem: Problem, beta: np.ndarray, cutoff: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class TorqueInterval:
-    """How far the arm's torque may lie from the model's.
+    """How far the arm's torque may lie from the model's, by what was missed of torque that was not fitted; n joints.
 
     Attributes:
         parameters: how well the model's parameters are known.
-        error: noise and model error of torque that was not fitted.
+        systematic: standard deviation of the model error, the part that follows the motion [N m], shape (n,).
+        noise: standard deviation of the rest [N m], shape (n,).
+        p_value: how often noise alone would look like this, shape (n,).
+        groups: number of groups that showed it.
+        torque: standard deviation of the torque [N m], shape (n,).
     """
 
     parameters: Uncertainty
-    error: ModelError
+    systematic: np.ndarray
+    noise: np.ndarray
+    p_value: np.ndarray
+    groups: int
+    torque: np.ndarray
+
+    @property
+    def found(self) -> np.ndarray:
+        """Joints, counted from 1, on which noise alone is not believed."""
+        # as many tests as joints: the chance is of any of them
+        return np.flatnonzero(self.p_value * len(self.p_value) < DOUBT) + 1
+
+    @property
+    def material(self) -> np.ndarray:
+        """Those of them, counted from 1, on which it is no slight part of the torque and exceeds the noise."""
+        least = np.maximum(SLIGHT * self.torque, self.noise)
+        visible = self.systematic > least
+        return self.found[visible[self.found - 1]]
+
+    def warnings(self) -> tuple[str, ...]:
+        """A warning that names the joints on which model error is material, if there are any."""
+        joints = self.material
+        if not len(joints):
+            return ()
+        size = np.hypot(self.systematic, self.noise).clip(TINY)
+        share = (self.systematic / size)[joints - 1].max()
+        return (
+            f"the residual on joint {', '.join(map(str, joints))} is not noise ({share:.0%} of it follows the "
+            "motion): the model lacks an effect, and s^2 (W^T W)^-1 states too small errors; use intervals that count "
+            "model error, and `gapscope diagnose` to name the effect; record slow and fast motions apart, slow ones "
+            "for friction and gravity, fast ones for inertia, and validate each on the other",
+        )
 
     def half_width(self, matrix: np.ndarray, *, recorded: bool = False) -> np.ndarray:
         """Half the width of the interval [N m], shape (N, n), about W beta.
@@ -543,14 +530,14 @@ class TorqueInterval:
         if covariance is None:
             covariance = self.parameters.covariance
         own = ((matrix @ covariance) * matrix).sum(axis=2)
-        systematic = self.error.systematic**2
+        systematic = self.systematic**2
         variance = own + systematic
         # Welch and Satterthwaite
         own_part = own**2 / max(self.parameters.freedom, 1.0)
-        systematic_part = systematic**2 / max(self.error.groups - 1, 1)
+        systematic_part = systematic**2 / max(self.groups - 1, 1)
         parts = np.maximum(own_part + systematic_part, TINY)
         freedom = np.maximum(variance**2 / parts, 1.0)
-        noise = self.error.noise**2 if recorded else 0.0
+        noise = self.noise**2 if recorded else 0.0
         return student.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(variance + noise)
 
 
@@ -563,7 +550,7 @@ class PredictedTorque:
         half_width: RMS half width for the arm's torque [N m], shape (n,).
         half_width_recorded: the same for the torque as it is recorded, noise included [N m], shape (n,).
         held: share of recorded samples within the latter [1], shape (n,).
-        model_error, noise, p_value: as in ``ModelError``, shape (n,).
+        model_error, noise, p_value: as in ``TorqueInterval``, shape (n,).
         joints_with_model_error: joints, from 1, on which noise alone is not believed.
     """
 
@@ -591,16 +578,15 @@ def predicted_torque(
         interval.half_width(problem.matrix, recorded=noisy) for noisy in (False, True)
     )
     held = (np.abs(problem.residual(beta)) <= recorded).mean(axis=0)
-    error = interval.error
     return PredictedTorque(
         level=LEVEL,
         half_width=rms(own),
         half_width_recorded=rms(recorded),
         held=held,
-        model_error=error.systematic,
-        noise=error.noise,
-        p_value=error.p_value,
-        joints_with_model_error=error.found,
+        model_error=interval.systematic,
+        noise=interval.noise,
+        p_value=interval.p_value,
+        joints_with_model_error=interval.found,
     )
 
 
@@ -643,7 +629,7 @@ def torque_interval(
     values = _without_each(problem, spans, estimator)
     for span, value in zip(spans, values, strict=True):
         residual[span] = problem.rows(span).residual(value)
-    error = model_error(problem, residual, cutoff)
+    systematic, noise, p_value = model_error(problem, residual, cutoff)
     # what the other groups do not determine is no error of the model
     variance, n = _variance(problem, estimate.value, cutoff), problem.n_joints
     weighted = problem.matrix / np.sqrt(variance)[:, None]
@@ -664,12 +650,16 @@ def torque_interval(
     missed2 = np.maximum(variance * sums / len(problem.torque), TINY)
     freedom = np.maximum(sums**2 / np.maximum(squares, TINY), 1.0)
     # noise in the parameters alone makes their ratio chi-squared over its degrees
-    by_chance = chi2.sf(freedom * error.systematic**2 / missed2, freedom)
-    beyond = np.sqrt((error.systematic**2 - missed2).clip(0.0))
-    # the less surprising explanation counts: noise, or parameters
-    p_value = np.maximum(error.p_value, by_chance)
-    error = replace(error, systematic=beyond, p_value=p_value)
-    return TorqueInterval(uncertainty, error)
+    by_chance = chi2.sf(freedom * systematic**2 / missed2, freedom)
+    return TorqueInterval(
+        parameters=uncertainty,
+        systematic=np.sqrt((systematic**2 - missed2).clip(0.0)),
+        noise=noise,
+        # the less surprising explanation counts: noise, or parameters
+        p_value=np.maximum(p_value, by_chance),
+        groups=len(spans),
+        torque=problem.torque.std(axis=0),
+    )
 
 
 def _without_each(

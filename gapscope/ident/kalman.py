@@ -500,7 +500,7 @@ def review(
         innovation,
         problem.group[counted],
         1.0 / problem.interval[counted],
-        samples.band.cutoff,
+        samples.cutoff,
     )
     return FilterReview(
         **vars(followed) | {"batch": batch},

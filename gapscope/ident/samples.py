@@ -25,14 +25,9 @@ from gapscope.effects.friction import (
 from gapscope.ident.model.base_parameters import ROUNDING, TINY, WORTH
 from gapscope.ident.model.physical_parameters import LEAST_MASS, LENGTH
 from gapscope.ident.model.regressor import Regressor
-from gapscope.model.conditioning import (
-    Segment,
-    blocks,
-    condition,
-    low_pass,
-)
+from gapscope.model.conditioning import Segment, blocks, condition
 from gapscope.model.effective_samples import band_samples, group_slices
-from gapscope.model.rows import low_passed_rows
+from gapscope.model.rows import DecimatedSegments
 
 # The linear problem of an identification: columns, friction, samples in a band, and whether they suffice.
 
@@ -408,83 +403,22 @@ AT_LIMIT = 0.99
 """Share of its limit from which a torque is at it [1]."""
 
 
-@dataclass(frozen=True)
-class Band:
-    """The band in which both sides are compared.
+class Samples(DecimatedSegments):
+    """Samples to fit, of both sides of tau = W x in one band, stacked over segments and thinned to what it holds.
 
-    Attributes:
-        cutoff: of positions, columns and torque [Hz].
-        trim: whether both ends of a segment, where the filter settles, are left out.
-        thinning: by which factor fewer samples are kept than the band holds [1].
-    """
-
-    cutoff: float
-    trim: bool = True
-    thinning: int = 1
-
-    def bounded(self, segments: Sequence[Segment]) -> Band:
-        """The band that keeps no more than about ``MOST`` samples of these segments."""
-        plain = replace(self, thinning=1)
-        count = sum(len(s.motion.t) / plain.step(s) for s in segments)
-        return replace(self, thinning=max(1, int(np.ceil(count / MOST))))
-
-    def filtered(self, series: np.ndarray, segment: Segment) -> np.ndarray:
-        """A series of a segment in the band, trimmed; axis 0 is time."""
-        return low_pass(series, segment.motion.rate, self.cutoff)[self.rows(segment)]
-
-    def thinned(self, series: np.ndarray, segment: Segment) -> np.ndarray:
-        """The same at every ``step``-th of these samples, at a fraction of the cost; in arrays of its own."""
-        flat, kept = series.reshape(len(series), -1), self.kept(segment)
-        # most columns of the first links are zero: filtering them costs as much
-        present = flat.any(axis=0)
-        some = low_passed_rows(flat[:, present], segment.motion.rate, self.cutoff, kept)
-        out = np.zeros((len(some), flat.shape[1]))
-        out[:, present] = some
-        return out.reshape(len(some), *series.shape[1:])
-
-    def rows(self, segment: Segment) -> slice:
-        """The samples of a segment that count."""
-        return segment.inner if self.trim else slice(0, len(segment.motion.t))
-
-    def kept(self, segment: Segment) -> slice:
-        """Those of them that are kept to fit."""
-        rows = self.rows(segment)
-        return slice(rows.start, rows.stop, self.step(segment))
-
-    def step(self, segment: Segment) -> int:
-        """Every which sample is kept to fit."""
-        # down to whole samples; 1e-6 for a quotient that rounding made less
-        within_band = int(segment.motion.rate / (PER_CUTOFF * self.cutoff) + 1e-6)
-        return self.thinning * max(1, within_band)
-
-    def segments(self, recordings: Sequence[Recording]) -> list[Segment]:
-        """Segments of recordings, positions filtered at the cut-off; those without torque are left out.
-
-        Long ones are cut into blocks, whose trimmed samples follow each other without a gap.
-        """
-        # recordings without torque cannot be compared
-        known = [r for r in recordings if r.tau is not None]
-        whole = [s for r in known for s in condition(r, self.cutoff)]
-        if not self.trim:
-            return whole
-        seconds = [len(s.motion.t) / s.motion.rate for s in whole]
-        counts = [int(np.ceil(length / LONGEST)) for length in seconds]
-        pairs = zip(whole, counts, strict=True)
-        return [part for s, count in pairs for part in blocks(s, count)]
-
-
-class Samples:
-    """Samples to fit, stacked over segments and thinned to what the band holds.
-
-    Columns at the full rate are held of one segment at a time. Where a torque was not measured, both sides of its
-    equation are zero: it says nothing.
+    Positions are filtered at the cut-off as well. Columns at the full rate are held of one segment at a time. Where a
+    torque was not measured, both sides of its equation are zero: it says nothing.
 
     Args:
         columns: the model.
-        segments: with torque.
-        band: the band.
+        recordings: those without torque are left out.
+        cutoff: of positions, columns and torque [Hz].
+        trim: whether both ends of a segment, where the filter settles, are left out.
+        thinning: by which factor fewer samples are kept than the band holds [1]; as many as ``MOST`` asks for if
+            ``None``.
 
     Attributes:
+        segments: of the recordings; trimmed ones in blocks, whose samples follow each other without a gap.
         smooth: columns that do not depend on the friction law, in the band, shape (M, n, p_smooth).
         torque: recorded torque in the band, less that of known loads [N m], shape (M, n).
         velocity: dq [rad/s], shape (M, n).
@@ -495,23 +429,73 @@ class Samples:
     """
 
     def __init__(
-        self, columns: ModelColumns, segments: Sequence[Segment], band: Band
+        self,
+        columns: ModelColumns,
+        recordings: Sequence[Recording],
+        cutoff: float,
+        trim: bool = True,
+        thinning: int | None = None,
     ) -> None:
-        self.columns = columns
-        self.segments = list(segments)
-        self.band = band
-        kept = [(s, band.kept(s)) for s in self.segments]
+        self.columns, self.trim, self.thinning = columns, trim, thinning or 1
+        known = [r for r in recordings if r.tau is not None]
+        segments = [s for r in known for s in condition(r, cutoff)]
+        if trim:
+            seconds = [len(s.motion.t) / s.motion.rate for s in segments]
+            counts = [int(np.ceil(length / LONGEST)) for length in seconds]
+            pairs = zip(segments, counts, strict=True)
+            segments = [part for s, count in pairs for part in blocks(s, count)]
+        super().__init__(segments, cutoff)
+        if thinning is None:
+            count = sum(len(s.motion.t) / self.step(s) for s in segments)
+            self.thinning = max(1, int(np.ceil(count / MOST)))
+        kept = [(s, self.taken(s)) for s in segments]
         self.times = np.concatenate([s.motion.t[rows] for s, rows in kept])
         self.velocity = np.concatenate([s.motion.dq[rows] for s, rows in kept])
         self.measured = np.concatenate([s.measured[rows] for s, rows in kept])
         self.smooth = self.filtered_each(columns.smooth)
-        self.torque = self._stack(
-            s.torque - s.known_torque(columns.body) for s in self.segments
+        self.torque = self.rows(
+            s.torque - s.known_torque(columns.body) for s in segments
         )
         lengths = [len(s.motion.t[rows]) for s, rows in kept]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
-        steps = [band.step(s) / s.motion.rate for s in self.segments]
+        steps = [self.step(s) / s.motion.rate for s in segments]
         self.interval = np.repeat(steps, lengths)
+
+    def of(
+        self, recordings: Sequence[Recording], thinning: int | None = None
+    ) -> Samples:
+        """Samples of other recordings in the same band."""
+        return Samples(self.columns, recordings, self.cutoff, self.trim, thinning)
+
+    def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
+        """The same as of any decimated segments."""
+        flat = series.reshape(len(series), -1)
+        # most columns of the first links are zero: filtering them costs as much
+        present = flat.any(axis=0)
+        some = super().thin(flat[:, present], segment)
+        out = np.zeros((len(some), flat.shape[1]))
+        out[:, present] = some
+        return out.reshape(len(some), *series.shape[1:])
+
+    def inner(self, segment: Segment) -> slice:
+        """The samples of a segment that count."""
+        return segment.inner if self.trim else slice(0, len(segment.motion.t))
+
+    def step(self, segment: Segment) -> int:
+        """Every which sample is kept to fit."""
+        # down to whole samples; 1e-6 for a quotient that rounding made less
+        within_band = int(segment.motion.rate / (PER_CUTOFF * self.cutoff) + 1e-6)
+        return self.thinning * max(1, within_band)
+
+    def rows(self, series: Iterable[np.ndarray]) -> np.ndarray:
+        """Series of every segment, (N, n, ...) each, on its rows; zero where the torque was not measured."""
+        stacked = super().rows(series)
+        stacked[~self.measured] = 0.0
+        return stacked
+
+    def filtered_each(self, series: Callable[[Motion], np.ndarray]) -> np.ndarray:
+        """A function of the motion, (N, n, ...), on the rows; shape (M, n, ...)."""
+        return self.rows(series(s.motion) for s in self.segments)
 
     def matrix(self, law: FrictionLaw) -> np.ndarray:
         """W in the band, shape (M, n, p)."""
@@ -522,23 +506,8 @@ class Samples:
         self, law: FrictionLaw, kept: np.ndarray, names: Sequence[str]
     ) -> Problem:
         """The linear problem in the columns ``kept``."""
-        return Problem(
-            self.matrix(law)[:, :, kept],
-            self.torque,
-            tuple(names),
-            self.group,
-            self.interval,
-        )
-
-    def filtered_each(self, series: Callable[[Motion], np.ndarray]) -> np.ndarray:
-        """A function of the motion, (N, n, ...), in the band and thinned; shape (M, n, ...)."""
-        return self._stack(series(s.motion) for s in self.segments)
-
-    def _stack(self, series: Iterable[np.ndarray]) -> np.ndarray:
-        pairs = zip(series, self.segments, strict=True)
-        stacked = np.concatenate([self.band.thinned(x, s) for x, s in pairs])
-        stacked[~self.measured] = 0.0
-        return stacked
+        matrix = self.matrix(law)[:, :, kept]
+        return Problem(matrix, self.torque, tuple(names), self.group, self.interval)
 
 
 # How many independent samples a motion gives for each parameter.

@@ -27,11 +27,11 @@ from gapscope.many.pages import (
     render_table,
 )
 from gapscope.many.rows import CASE, UNITS_BY, Row, date_in_names, unit_name
+from gapscope.reports.diagnosis import DOCUMENT, REPORT
 
 # All diagnoses below a folder, read again only if their files have changed.
 
 
-DOCUMENT, REPORT = "diagnosis.json", "report.html"
 SECTIONS = ("effects", "possible")
 SHOWN = ("verdict", "closed", "changes")
 NOT_SHOWN = ("where", "alternatives", "gap_with_only_this", "gap_without_this")

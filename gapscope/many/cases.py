@@ -17,7 +17,7 @@ from fsspec.implementations.local import LocalFileSystem
 from fsspec.utils import get_protocol
 
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.case_file import read_case_file
+from gapscope.arm.io.case_file import read_case_file, with_files
 
 # Cases at an address: a folder or an archive, on this machine or in the storage of a network.
 
@@ -335,7 +335,7 @@ def fetch(system: Any, folder: str, files: Files, to: Path, most: int) -> int:
                     raise _too_large(source, "more than its storage says", left)
                 file.write(block)
         left -= size
-    _check_case_file(to / CASE_FILE)
+    with_files(read_case_file(to / CASE_FILE), _check_name)
     return most - left
 
 
@@ -363,31 +363,17 @@ def _too_large(what: str, has: str, most: int) -> InputError:
     )
 
 
-def _check_case_file(file: Path) -> None:
+def _check_name(field: str, name: str) -> str:
     """Refuse a case that reads other files than its own: what is fetched comes from others."""
-    content = read_case_file(file)
-    for field, text in _named_files(content):
-        # a variable could name any place on this machine
-        if leaves_folder(text) or "${" in text:
-            raise InputError(
-                f"names {text}, which is outside of the case",
-                "put robot and recordings into the folder of the case; a known robot is given by its name",
-                file=CASE_FILE,
-                where=f"field {field}",
-            )
-
-
-def _named_files(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Fields of a case file that name files, and the names."""
-    yield "robot", str(content["robot"])
-    for field in ("recordings", "judge"):
-        for entry in content.get(field, []):
-            names = entry.values() if isinstance(entry, Mapping) else [entry]
-            yield from ((field, str(name)) for name in names)
-    yield from (("payloads", str(name)) for name in content.get("payloads") or {})
-    section = content.get("import") or {}
-    if "calibration" in section:
-        yield "import.calibration", str(section["calibration"])
+    # a variable could name any place on this machine
+    if leaves_folder(name) or "${" in name:
+        raise InputError(
+            f"names {name}, which is outside of the case",
+            "put robot and recordings into the folder of the case; a known robot is given by its name",
+            file=CASE_FILE,
+            where=f"field {field}",
+        )
+    return name
 
 
 def leaves_folder(name: str) -> bool:

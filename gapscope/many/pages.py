@@ -23,6 +23,7 @@ from gapscope.diagnosis.document.wording import VERDICTS, capital
 from gapscope.envs.effect_ranges import Z95
 from gapscope.many import units as units_words
 from gapscope.many.rows import FAILED, Row
+from gapscope.reports.diagnosis import DOCUMENT, REPORT
 from gapscope.reports.pages import (
     COLOURS,
     ZERO,
@@ -366,7 +367,6 @@ def _scaled(numbers: np.ndarray, size: int) -> np.ndarray:
 # The page of a fleet: ``fleet.html``.
 
 
-REPORT, DOCUMENT = "report.html", "diagnosis.json"
 KINDS = {
     "shared": "on all units, alike",
     "shared_differing_size": "on all units, of different size",

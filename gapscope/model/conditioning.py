@@ -431,12 +431,11 @@ def blocks(segment: Segment, count: int) -> list[Segment]:
 
 def _cut(segment: Segment, rows: slice) -> Segment:
     """Some samples of a segment."""
-    m, series = segment.motion, dict[str, Any]()
+    series = dict[str, Any]()
     for name in ("torque", "torque_sensor", "unknown", "temperature"):
         own = getattr(segment, name)
         series[name] = None if own is None else own[rows]
-    motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
-    return replace(segment, motion=motion, **series)
+    return replace(segment, motion=segment.motion.part(rows), **series)
 
 
 def _segment(recording: Recording, span: slice, cutoffs: np.ndarray) -> Segment:

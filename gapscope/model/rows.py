@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from functools import lru_cache
 from typing import NamedTuple
@@ -134,13 +134,22 @@ class DecimatedSegments:
         rows = low_passed_rows(flat, segment.motion.rate, self.cutoff, kept)
         return rows.reshape(len(rows), *series.shape[1:])
 
+    def filtered(self, series: np.ndarray, segment: Segment) -> np.ndarray:
+        """The same at the rate of the segment."""
+        every = low_pass(series, segment.motion.rate, self.cutoff)
+        return every[self.inner(segment)]
+
+    def inner(self, segment: Segment) -> slice:
+        """The samples of a segment that count."""
+        return segment.inner
+
     def taken(self, segment: Segment) -> slice:
-        """The samples of a segment that are its rows."""
-        inner = segment.inner
+        """Those of them that are its rows."""
+        inner = self.inner(segment)
         return slice(inner.start, inner.stop, self.step(segment))
 
-    def rows(self, series: Sequence[np.ndarray]) -> np.ndarray:
-        """Series of every segment, (N, K) each, on its rows, one below the other, (M, K)."""
+    def rows(self, series: Iterable[np.ndarray]) -> np.ndarray:
+        """Series of every segment, (N, ...) each, on its rows, one below the other, (M, ...)."""
         pairs = zip(series, self.segments, strict=True)
         return np.vstack([self.thin(x, s) for x, s in pairs])
 

@@ -17,6 +17,7 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import plain, write_document
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.root_mean_square import rms
+from gapscope.diagnosis.document.wording import joint_slides
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.ident.identification import (
     FOUND,
@@ -252,12 +253,6 @@ _FRICTION = (
     ("s", "saturating", "N m"),
     ("o", "offset", "N m"),
 )
-
-
-def joint_slides(document: dict[str, Any]) -> list[bool]:
-    """Whether each joint slides."""
-    sliding, count = document["arm"].get("sliding", []), len(document["arm"]["joints"])
-    return [joint in sliding for joint in range(1, count + 1)]
 
 
 def sentence(document: dict[str, Any]) -> str:

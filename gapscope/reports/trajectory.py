@@ -190,32 +190,24 @@ def write_trajectory(
     slow_path = path.with_name(f"{path.stem}_slow.csv")
     page = path.with_suffix(".html")
     full = Sampled(found.motion)
+    highest = plan.family(arm.n_joints).highest_frequency
     # all files get their names together, once all of them are checked
     with ExitStack() as stack:
-        paths = _write_checked(stack, full, 1.0, found, arm, plan, path)
+
+        def checked(reference: Sampled, speed: float, path: Path) -> list[Path]:
+            """Write as CSV and for ROS under temporary names, which the stack makes final, and check both."""
+            both = [path, path.with_suffix(".yaml")]
+            table, message = (stack.enter_context(atomic_write(x)) for x in both)
+            # a player of rows needs the slow version at the same rate
+            write_csv(sampled(reference, reference.duration, plan.rate), table)
+            check_written(read_sampled(table, arm.n_joints), found.checker, path, speed)
+            points = speed * max(ROS_RATE, POINTS_PER_PERIOD * highest)
+            write_joint_trajectory(reference.motion, arm.joints, message, points)
+            written = read_joint_trajectory(message)
+            check_written(written, found.checker, both[1], speed)
+            return both
+
+        paths = checked(full, 1.0, path)
         write_page(found, arm, plan, stack.enter_context(atomic_write(page)))
-        slow = full.slower(SLOW)
-        slow_paths = _write_checked(stack, slow, SLOW, found, arm, plan, slow_path)
-    return [*paths, page, *slow_paths]
-
-
-def _write_checked(
-    stack: ExitStack,
-    reference: Sampled,
-    speed: float,
-    found: Excitation,
-    arm: NominalArm,
-    plan: ExcitationPlan,
-    path: Path,
-) -> list[Path]:
-    """Write a trajectory as CSV and for ROS under temporary names, which the stack makes final, and check both."""
-    ros_path = path.with_suffix(".yaml")
-    table, message = (stack.enter_context(atomic_write(x)) for x in (path, ros_path))
-    # a player of rows needs the slow version at the same rate
-    write_csv(sampled(reference, reference.duration, plan.rate), table)
-    check_written(read_sampled(table, arm.n_joints), found.checker, path, speed)
-    highest = plan.family(arm.n_joints).highest_frequency
-    points = speed * max(ROS_RATE, POINTS_PER_PERIOD * highest)
-    write_joint_trajectory(reference.motion, arm.joints, message, points)
-    check_written(read_joint_trajectory(message), found.checker, ros_path, speed)
-    return [path, ros_path]
+        slow = checked(full.slower(SLOW), SLOW, slow_path)
+    return [*paths, page, *slow]

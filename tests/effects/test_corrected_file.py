@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from arms import iiwa_of_three
+from cases import untrained_network
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
@@ -25,17 +26,7 @@ from gapscope.effects.corrected_file import (
     read_with_faults,
     write_corrected,
 )
-from gapscope.effects.residual import (
-    Inputs,
-    Layout,
-    Network,
-    ResidualNetwork,
-    Trust,
-    draw_basis,
-    part_of_each,
-    read_residual,
-    write_residual,
-)
+from gapscope.effects.residual import read_residual, write_residual
 from gapscope.effects.setup_faults import (
     ShiftedInertials,
     SignFlip,
@@ -219,31 +210,6 @@ def test_what_bodies_lack_comes_back_and_is_left_out_by_simulators(
 # The file of a residual network, and the corrected arm that carries one: no torch is needed to use it.
 
 
-def network(n: int, seed: int = 0) -> ResidualNetwork:
-    """A network that was never trained: additive on the even joints, an MLP on the odd ones."""
-    rng, taps, members = np.random.default_rng(seed), 4, 3
-    c, near = Layout(n).channels, len(Layout(n).neighbourhood)
-    inputs = Inputs(n, taps, 0.02, np.zeros((n, c)), np.ones((n, c)))
-    sizes = [(len(inputs.seen_by_mlp), 5), (5, 2)]
-    weights = tuple(rng.standard_normal((members, n, a, b)) for a, b in sizes)
-    biases = tuple(rng.standard_normal((members, n, b)) for _, b in sizes)
-    basis = draw_basis(-np.ones((n, c)), np.ones((n, c)), seed)
-    head = 0.1 * rng.standard_normal((members, n, len(part_of_each(basis)), 2))
-    trust = Trust(rng.standard_normal((n, 6, near)), np.full(n, 50.0))
-    return ResidualNetwork(
-        inputs,
-        (
-            Network("additive", np.zeros(0, int), (head,), (biases[1],), basis),
-            Network("mlp", inputs.seen_by_mlp, weights, biases),
-        ),
-        np.arange(n) % 2,
-        trust,
-        np.ones(n),
-        np.full(n, 2.0),
-        12.0,
-    )
-
-
 def moving(n: int) -> Motion:
     t = np.arange(200) / 100.0
     phase = np.arange(n)
@@ -254,7 +220,7 @@ def moving(n: int) -> Motion:
 
 def test_corrected_arm_adds_it_and_a_simulator_leaves_it_out(tmp_path: Path) -> None:
     pytest.importorskip("pybullet_data")
-    arm, residual = load_nominal_arm("xarm6"), network(6)
+    arm, residual = load_nominal_arm("xarm6"), untrained_network(6)
     write_residual(residual, tmp_path / "nets" / "residual.npz")
     write_corrected(
         "case", (), tmp_path / "corrected.yaml", residual="nets/residual.npz"
@@ -277,7 +243,7 @@ def test_faults_are_told(tmp_path: Path) -> None:
     whole, part, model = (
         tmp_path / name for name in ("residual.npz", "short.npz", "corrected.yaml")
     )
-    write_residual(network(7), whole)
+    write_residual(untrained_network(7), whole)
     part.write_bytes(whole.read_bytes()[:-200])
     pytest.importorskip("pybullet_data")
     arm = load_nominal_arm("xarm6")
@@ -324,7 +290,7 @@ def test_arrays_that_do_not_fit_are_told(
     change: dict, message: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "residual.npz"
-    write_residual(network(6), path)
+    write_residual(untrained_network(6), path)
     with np.load(path) as content:
         arrays = {**content, **change}
     np.savez(path, **{k: v for k, v in arrays.items() if v is not None})

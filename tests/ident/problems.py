@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.arm.recording import Recording
-from gapscope.ident.model.base_parameters import BaseParameters
-from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import Problem
-from gapscope.model.conditioning import TORQUE_CUTOFF, condition, low_pass
 
 TRUTH = np.array([2.0, -1.0, 0.5, 3.0])
 NAMES = ("p1", "p2", "p3", "p4")
@@ -119,39 +115,3 @@ SOLVABLE = {
     "noise per joint": Kind(noise_per_joint, 0.01),
     "correlated noise": Kind(correlated_noise, 0.05),
 }
-
-
-@dataclass(frozen=True)
-class Assembly:
-    """Makes the problem of base parameters by fixed filters, so that measured and simulated recordings pass the same.
-
-    Attributes:
-        regressor: of the nominal arm.
-        base: its base parameters.
-        cutoff: of the positions before they are differentiated [Hz].
-        every: only each sample of this number is kept.
-    """
-
-    regressor: Regressor
-    base: BaseParameters
-    cutoff: float
-    every: int
-
-    def __call__(self, recordings: Sequence[Recording]) -> Problem:
-        segments = [s for r in recordings for s in condition(r, self.cutoff)]
-        matrices, torques = [], []
-        for s in segments:
-            for out, series in (
-                (matrices, self.regressor.matrix(s.motion)[:, :, self.base.kept]),
-                (torques, s.torque - s.known_torque(self.regressor.body)),
-            ):
-                smooth = low_pass(series, s.motion.rate, TORQUE_CUTOFF)
-                out.append(smooth[s.inner][:: self.every])
-        lengths = [len(x) for x in torques]
-        return Problem(
-            np.concatenate(matrices),
-            np.concatenate(torques),
-            tuple(self.base.names[k] for k in self.base.kept),
-            np.repeat(np.arange(len(segments)), lengths),
-            np.repeat([self.every / s.motion.rate for s in segments], lengths),
-        )

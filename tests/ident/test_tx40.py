@@ -27,12 +27,10 @@ def test_page_states_what_is_found(data_root: Path, cutoff: int) -> None:
     )
     settings = IdentificationSettings(cutoff=float(cutoff), trim=False)
     found = fit_parameters(case, settings)
+    held_out = found.samples.of(found.held_out)
     fit, judged = (
-        validated(found, found.physical.value, role, segments)
-        for role, segments in (
-            ("fit", found.samples.segments),
-            ("judge", found.samples.band.segments(found.held_out)),
-        )
+        validated(found, found.physical.value, role, samples)
+        for role, samples in (("fit", found.samples), ("judge", held_out))
     )
     page = PAGE.read_text(encoding="utf-8")
     row = re.search(rf"^\| {cutoff} Hz.*?^\| \| `gapscope identify` .*?$", page, re.M | re.S)  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -419,34 +419,50 @@ class CasePaths:
         }
 
 
+def with_files(
+    content: Mapping[str, Any], change: Callable[[str, str], str]
+) -> dict[str, Any]:
+    """The content of a case file with each name of a file in it changed.
+
+    Args:
+        content: of the file.
+        change: what becomes of the name in a field: ``change(field, name)``.
+    """
+    out = dict(content)
+
+    def changed(field: str, entry: Any) -> Any:
+        """A name, or several by label."""
+        if isinstance(entry, Mapping):
+            return {label: change(field, name) for label, name in entry.items()}
+        return change(field, entry)
+
+    out["robot"] = change("robot", str(content["robot"]))
+    for key in ("recordings", "judge"):
+        if key in content:
+            out[key] = [changed(key, entry) for entry in content[key]]
+    if content.get("payloads"):
+        loads = content["payloads"].items()
+        out["payloads"] = {change("payloads", name): load for name, load in loads}
+    if "calibration" in (content.get("import") or {}):
+        section = content["import"]
+        calibration = change("import.calibration", section["calibration"])
+        out["import"] = {**section, "calibration": calibration}
+    return out
+
+
 def moved(content: Mapping[str, Any], old: Path, new: Path) -> dict[str, Any]:
     """The content of a case file in a folder, with the paths in it as seen from another folder.
 
     Those that begin with ``${`` stay as they are, and so does a robot that is a name and no file.
     """
-    out = dict(content)
-    if is_file(old / content["robot"]):
-        out["robot"] = _moved(content["robot"], old, new)
-    for key in ("recordings", "judge"):
-        if key in content:
-            out[key] = [_moved(entry, old, new) for entry in content[key]]
-    if content.get("payloads"):
-        loads = content["payloads"].items()
-        out["payloads"] = {_moved(name, old, new): load for name, load in loads}
-    if "calibration" in (content.get("import") or {}):
-        section = content["import"]
-        calibration = _moved(section["calibration"], old, new)
-        out["import"] = {**section, "calibration": calibration}
-    return out
 
+    def change(field: str, name: str) -> str:
+        known = field == "robot" and not is_file(old / name)
+        if known or name.startswith("${") or Path(name).is_absolute():
+            return name
+        return os.path.relpath(old / name, new)
 
-def _moved(entry: Any, old: Path, new: Path) -> Any:
-    """A path, or several by label, as seen from another folder."""
-    if isinstance(entry, Mapping):
-        return {label: _moved(text, old, new) for label, text in entry.items()}
-    if entry.startswith("${") or Path(entry).is_absolute():
-        return entry
-    return os.path.relpath(old / entry, new)
+    return with_files(content, change)
 
 
 def files_of(place: Path) -> list[Path]:

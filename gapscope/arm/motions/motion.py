@@ -26,6 +26,10 @@ class Motion:
         """Sampling rate [Hz]."""
         return whole_rate(float((len(self.t) - 1) / (self.t[-1] - self.t[0])))
 
+    def part(self, rows: slice) -> Motion:
+        """Some of its samples."""
+        return Motion(self.t[rows], self.q[rows], self.dq[rows], self.ddq[rows])
+
 
 def whole_rate(rate: float) -> float:
     """A rate [Hz] to six digits: rounding of its stamps must not decide how many samples a time has."""

@@ -258,8 +258,9 @@ def acts_on(entry: Mapping[str, Any]) -> str:
 
 def joint_names(document: Document) -> list[str]:
     """Names of the joints; empty strings if the document has none."""
-    n = len(document["gap"]["before"]["torque_nrmse"])
-    return list(document["arm"]["joints"]) if "arm" in document else [""] * n
+    if "arm" in document:
+        return list(document["arm"]["joints"])
+    return [""] * len(document["gap"]["before"]["torque_nrmse"])
 
 
 def joint_slides(document: Document) -> list[bool]:

@@ -312,7 +312,7 @@ def closed_loop(
             file=case.file,
             where="controller.kind",
         )
-    columns, band, law = samples.columns, samples.band, FrictionLaw()
+    columns, law = samples.columns, FrictionLaw()
     if columns.coupled:
         raise InputError(
             "an estimator that simulates cannot have motors that turn several joints",
@@ -321,7 +321,7 @@ def closed_loop(
         )
 
     def build(recordings: Sequence[Recording]) -> Problem:
-        own = Samples(columns, band.segments(recordings), band)
+        own = samples.of(recordings, samples.thinning)
         return own.problem(law, base.kept, problem.names)
 
     # the order of the columns of the model

@@ -16,6 +16,7 @@ from gapscope.arm.dynamics.link_shapes import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.table import numbered
 from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import (
@@ -23,6 +24,7 @@ from gapscope.arm.motions.trajectory import (
     ReferenceMotion,
     Sampled,
     check_sample_count,
+    motion_of,
     urdf_limits,
 )
 from gapscope.arm.nearest_name import check_known
@@ -80,12 +82,8 @@ def write_csv(motion: Motion, path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
-    columns = {"t": motion.t}
     series = {"q_ref": motion.q, "dq_ref": motion.dq, "ddq_ref": motion.ddq}
-    for name, array in series.items():
-        for joint, values in enumerate(array.T, 1):
-            columns[f"{name}{joint}"] = values
-    write_columns(columns, path)
+    write_columns(numbered({"t": motion.t, **series}), path)
 
 
 def write_joint_trajectory(
@@ -162,9 +160,7 @@ def check_written(
     """
     count = int(np.ceil(written.duration * CHECKED_RATE * speed)) + 1
     t = np.linspace(0.0, written.duration, count)
-    motion = Motion(
-        t, written.position(t), written.velocity(t), written.acceleration(t)
-    )
+    motion = motion_of(written, t)
     limits, ends = checker.allowed.motion, [0, -1]
     for name, values, limit in (
         ("velocity", motion.dq, limits.velocity),
@@ -221,7 +217,6 @@ class ExcitationPlan:
         rate: samples per second that are written [Hz].
         criterion: ``condition``, ``d`` or ``e``; or ``separation`` of effects.
         effects: names of effects to separate, for ``separation``; with another criterion they are only reported on.
-        columns: quantities with columns of the regressor, beside the inertial ones.
         optimiser: one of ``OPTIMISERS``; by default ``gradient``, and ``cma`` for ``separation``.
         budget: when the search ends.
 
@@ -236,7 +231,6 @@ class ExcitationPlan:
     rate: float = 250.0
     criterion: str = "condition"
     effects: tuple[str, ...] = ()
-    columns: tuple[str, ...] = JOINT_COLUMNS
     optimiser: str | None = None
     budget: Budget = field(default_factory=Budget)
 
@@ -520,10 +514,8 @@ def design(prepared: Prepared, rng: np.random.Generator) -> Excitation:
     motion = sampled(reference, plan.length, plan.rate)
     # criteria of long motions are computed from fewer samples
     step = -(-len(motion.t) // MOST)
-    few = Motion(
-        *(series[::step] for series in (motion.t, motion.q, motion.dq, motion.ddq))
-    )
-    model = ExcitationModel(arm, body, plan.columns)
+    few = motion.part(slice(None, None, step))
+    model = ExcitationModel(arm, body, JOINT_COLUMNS)
     inertial = ExcitationModel(arm, body, ()).matrix(few)
     condition = condition_number(model.matrix(few))
     if plan.criterion != "separation":
@@ -598,7 +590,7 @@ def prepare(
     separating = plan.criterion == "separation"
     search = TrajectorySearch(
         parametrisation=Parametrisation(plan.family(arm.n_joints), allowed.motion),
-        model=ExcitationModel(arm, body, () if separating else plan.columns),
+        model=ExcitationModel(arm, body, () if separating else JOINT_COLUMNS),
         criterion=CRITERIA["condition" if separating else plan.criterion],
         checker=Checker(arm, body, tight, near),
         budget=plan.budget,
@@ -648,10 +640,7 @@ def sampled(reference: ReferenceMotion, duration: float, rate: float) -> Motion:
     """Samples of a reference at a rate [Hz], from its start to the first sample at or after its end [s]."""
     # the small number keeps rounding from adding a sample
     last = int(np.ceil(duration * rate - 1e-9))
-    t = np.arange(last + 1) / rate
-    return Motion(
-        t, reference.position(t), reference.velocity(t), reference.acceleration(t)
-    )
+    return motion_of(reference, np.arange(last + 1) / rate)
 
 
 def _postures(limits: Limits) -> np.ndarray:

@@ -44,8 +44,8 @@ from gapscope.ident.model.base_parameters import (
     STATES,
     TINY,
     WORTH,
+    base_parameters,
     random_states,
-    structural_base,
 )
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 from gapscope.model.conditioning import WORKING_RATE
@@ -712,13 +712,12 @@ class ExcitationModel:
     ) -> None:
         self.arm, self.body = arm, body
         self._regressor = Regressor(arm, body, quantities)
-        rng = np.random.default_rng(0)
-        base = structural_base(self._regressor, rng)
+        states = random_states(self._regressor, np.random.default_rng(0), STATES)
+        matrix = self._regressor.matrix(states)
+        base = base_parameters(matrix, self._regressor.names)
         self._kept, self.names = base.kept, base.kept_names
         # typical size of each column, whatever the motion
-        rng = np.random.default_rng(0)
-        states = random_states(self._regressor, rng, STATES)
-        self.reference = rms(self.matrix(states), axis=(0, 1))
+        self.reference = rms(matrix[:, :, base.kept], axis=(0, 1))
 
     def matrix(self, motion: Motion) -> np.ndarray:
         """W of a motion of N samples, shape (N, n, b)."""

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
-from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
@@ -34,9 +33,6 @@ class Regressor:
     Attributes:
         names: of the columns, ``m1``, ``mx1``, ... and the quantities' symbols with the joint, ``b1``; shape (p,).
         units: of pi, shape (p,).
-
-    Raises:
-        InputError: a quantity has no such column.
     """
 
     def __init__(
@@ -45,13 +41,6 @@ class Regressor:
         body: RigidBody | None = None,
         quantities: Sequence[str] = JOINT_COLUMNS,
     ) -> None:
-        for name in quantities:
-            if name not in JOINT_COLUMNS:
-                raise InputError(
-                    f"{name} is no quantity with a regressor column",
-                    f"choose among {', '.join(JOINT_COLUMNS)}",
-                    where="quantities",
-                )
         self.arm = arm
         self.body = body or RigidBody(arm)
         self.quantities = tuple(quantities)

@@ -31,17 +31,8 @@ class _Torque(torch.nn.Module):
         self.residual = residual
 
     def forward(self, windows: torch.Tensor) -> torch.Tensor:
-        residual, seen = self.residual, Tensor(windows)
-        near = seen[:, :, -1, residual.inputs.layout.neighbourhood]
-        mean = np.zeros((residual.inputs.n, 1))
-        for k, network in enumerate(residual.networks):
-            output, _ = network.outputs(seen)  # type: ignore[arg-type]
-            speaks = (residual.chosen == k)[:, None]
-            mean = mean + output.sum(axis=0) / network.members * speaks
-        torque = mean * residual.trust.factor(near) * residual.scale[:, None]  # type: ignore[arg-type]
-        bound = residual.bound[:, None]
-        limited = np.clip(torque, -bound, bound)
-        return torch.as_tensor(limited.tensor.T)
+        said: Any = self.residual.of_windows(Tensor(windows))  # type: ignore[arg-type]
+        return torch.as_tensor(said.tensor)
 
 
 def onnx_model(residual: ResidualNetwork, path: Path | str | None = None) -> Any:

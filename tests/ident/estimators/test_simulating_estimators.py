@@ -1,14 +1,15 @@
 """Estimators that simulate: what noise in the motion does to least squares, and how they fail."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from arms import iiwa_of_three
 from cases import swinging
-from problems import Assembly
 from sweeps import daily
 
+from gapscope.arm.case import Case
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.effects.applied import AppliedEffect
@@ -17,13 +18,13 @@ from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.estimators.linear import weighted_least_squares
 from gapscope.ident.estimators.simulating import (
-    Experiment,
+    closed_loop,
     direct_inverse,
     instrumental_variables,
     output_error,
 )
-from gapscope.ident.model.base_parameters import structural_base
-from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.model.base_parameters import base_parameters, random_states
+from gapscope.ident.samples import FrictionLaw, ModelColumns, Samples
 
 SIMULATING = {
     "IDIM-IV": instrumental_variables,
@@ -45,13 +46,14 @@ def arm():
 
 @pytest.fixture(scope="module")
 def world(arm):
-    """Controller, regressor, base parameters and the true ones."""
-    regressor = Regressor(arm)
-    base = structural_base(regressor, np.random.default_rng(0))
-    pi = regressor.nominal()
-    pi[:30] += CorrectedArm(arm, EFFECTS).inertial_increments(regressor.body).ravel()
+    """Controller, model, base parameters and the true ones."""
+    columns, law = ModelColumns(arm), FrictionLaw()
+    states = random_states(columns.regressor, np.random.default_rng(0), 300)
+    base = base_parameters(columns.matrix(states, law), columns.names(law))
+    pi = columns.nominal(law)
+    pi[:30] += CorrectedArm(arm, EFFECTS).inertial_increments(columns.body).ravel()
     pi[33:36] += [1.5, -1.0, 0.8]
-    return position_controller(arm, CENTRE), regressor, base, base.of(pi)
+    return position_controller(arm, CENTRE), columns, base, base.of(pi)
 
 
 def recorded(arm, controller, seed, noise=0.0, torque_noise=0.0):
@@ -63,10 +65,13 @@ def recorded(arm, controller, seed, noise=0.0, torque_noise=0.0):
 
 
 def experiment(world, recordings, **other):
-    controller, regressor, base, _ = world
-    build = Assembly(regressor, base, cutoff=25.0, every=3)
-    prior = {"prior": regressor.nominal()} | other
-    return Experiment(regressor, base, controller, recordings, build, **prior)
+    controller, columns, base, _ = world
+    law, arm = FrictionLaw(), columns.arm
+    samples = Samples(columns, recordings, 25.0)
+    problem = samples.problem(law, base.kept, base.kept_names)
+    case = Case("c", Path(), arm, recordings, controller=controller)
+    made = closed_loop(case, recordings, samples, base, problem)
+    return replace(made, **({"prior": columns.nominal(law)} | other))
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +169,7 @@ def test_a_torque_that_the_controller_did_not_command_is_warned_of(clean, world)
 
 @pytest.mark.parametrize("name", SIMULATING)
 def test_an_arm_that_runs_away_ends_with_causes(clean, world, name):
-    prior = world[1].nominal()
+    prior = world[1].nominal(FrictionLaw())
     prior[:30:10] *= 0.1
     prior[30:33] = -0.5
     started = experiment(world, clean.recordings, prior=prior)

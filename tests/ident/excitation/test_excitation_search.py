@@ -94,7 +94,7 @@ def test_gradient_of_the_score_agrees_with_finite_differences(
 
 def short(arm: NominalArm, optimiser: str) -> Excitation:
     """The best of 200 candidates."""
-    few = {"order": 3, "columns": COLUMNS, "budget": Budget(200), "rate": 200.0}
+    few = {"order": 3, "budget": Budget(200), "rate": 200.0}
     plan = ExcitationPlan(optimiser=optimiser, **few)
     return design(prepare(arm, plan, LIMITS), np.random.default_rng(3))
 

@@ -19,7 +19,6 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 from gapscope.ident.samples import (
     PULLS,
-    Band,
     FrictionLaw,
     ModelColumns,
     Samples,
@@ -132,8 +131,7 @@ def test_columns_give_the_torque_of_the_corrected_arm() -> None:
 
 def chosen(case: Case) -> float:
     fit, _ = split(case)
-    band = Band(20.0)
-    samples = Samples(ModelColumns(case.arm), band.segments(fit), band)
+    samples = Samples(ModelColumns(case.arm), fit, 20.0)
     return choose(samples, nonlinear=False, presliding=False).pull
 
 

@@ -9,35 +9,30 @@ import pytest
 from arms import tooled_panda
 from cases import panda_case, panda_recording
 
+from gapscope.arm.recording import Recording
 from gapscope.ident import samples as module
 from gapscope.ident.identification import IdentificationSettings, identify
-from gapscope.ident.samples import Band, FrictionLaw, ModelColumns, Samples
-
-BAND = Band(10.0)
+from gapscope.ident.samples import FrictionLaw, ModelColumns, Samples
 
 
-def made(band: Band = BAND) -> Samples:
-    recording = panda_recording("a.csv", 3)
-    return Samples(ModelColumns(tooled_panda()), band.segments([recording]), band)
+def made(recording: Recording | None = None) -> Samples:
+    recording = recording or panda_recording("a.csv", 3)
+    return Samples(ModelColumns(tooled_panda()), [recording], 10.0)
 
 
 def test_long_recordings_are_thinned_further(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST", 100)
-    segments = BAND.segments([panda_recording("a.csv", 3)])
-    bounded = BAND.bounded(segments)
-    few = Samples(ModelColumns(tooled_panda()), segments, bounded)
-    assert len(few.torque) <= 100
     whole = made()
-    np.testing.assert_allclose(
-        few.torque, whole.torque[:: bounded.thinning], rtol=1e-12
-    )
+    monkeypatch.setattr(module, "MOST", 100)
+    few = made()
+    assert len(few.torque) <= 100
+    np.testing.assert_allclose(few.torque, whole.torque[:: few.thinning], rtol=1e-12)
     np.testing.assert_allclose(
         few.matrix(FrictionLaw()),
-        whole.matrix(FrictionLaw())[:: bounded.thinning],
+        whole.matrix(FrictionLaw())[:: few.thinning],
         rtol=1e-9,
         atol=1e-12,
     )
-    assert few.interval[0] == pytest.approx(bounded.thinning * whole.interval[0])
+    assert few.interval[0] == pytest.approx(few.thinning * whole.interval[0])
 
 
 def test_each_recording_counts_by_its_own_rate() -> None:
@@ -57,7 +52,7 @@ def test_each_recording_counts_by_its_own_rate() -> None:
         assert found.counted.seconds == pytest.approx(19, rel=0.02)
         assert found.filtered.track.t[-1] == pytest.approx(19, rel=0.02)
     pairs = [
-        (found.counted.bandwidth, found.interval.error.noise, found.groups.stated_std)
+        (found.counted.bandwidth, found.interval.noise, found.groups.stated_std)
         for found in (one, other)
     ]
     for first, second in zip(*pairs, strict=True):
@@ -69,9 +64,7 @@ def test_torque_at_its_limit_does_not_count() -> None:
     tau = np.asarray(recording.tau).copy()
     limit = 0.6 * np.abs(tau[:, 1]).max()
     tau[:, 1] = tau[:, 1].clip(-limit, limit)
-    model = ModelColumns(tooled_panda())
-    clipped = replace(recording, tau=tau)
-    samples = Samples(model, BAND.segments([clipped]), BAND)
+    samples = made(replace(recording, tau=tau))
     whole = made()
     share = samples.measured.mean(axis=0)
     assert 0.2 < share[1] < 0.95

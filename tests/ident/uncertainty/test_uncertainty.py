@@ -21,8 +21,9 @@ from gapscope.ident.intervals import (
     torque_interval,
     whiteness,
 )
-from gapscope.ident.samples import Band, Problem
+from gapscope.ident.samples import Problem
 from gapscope.model.conditioning import Segment, low_pass
+from gapscope.model.rows import DecimatedSegments
 
 BETA = np.array([2.0, -1.0, 0.5, 3.0])
 INTERVAL, SAMPLES, GROUPS = 0.02, 2000, 4
@@ -109,7 +110,7 @@ def covered(size: float, runs: int = 25) -> np.ndarray:
         own = np.einsum("ijb,bc,ijc->ij", other, estimate.covariance, other)
         widths = interval.half_width(other), 1.96 * np.sqrt(own)
         shares = [(error <= width)[:, 0].mean() for width in widths]
-        found.append([*shares, bool(interval.error.warnings())])
+        found.append([*shares, bool(interval.warnings())])
     return np.mean(found, axis=0)
 
 
@@ -154,7 +155,7 @@ def test_few_samples_are_not_taken_for_an_effect_that_is_lacking() -> None:
         own = 0.02 + np.eye(4)[np.arange(160) * 4 // 160]
         W = motion_columns(rng, 160) * own[:, None, :]
         _, interval = least_squares(recorded(rng, W, 0.1 * filtered(rng, 160)))
-        assert not interval.error.warnings()
+        assert not interval.warnings()
 
 
 # Repeated groups: variance between them against what they state tells noise from model error.
@@ -245,8 +246,8 @@ def test_same_filter_on_both_sides() -> None:
     t = np.arange(1000)[:, None] / 250
     torque = np.sin(2 * np.pi * 3 * t) + np.sign(np.sin(2 * np.pi * t))
     motion = Motion(t[:, 0], t, np.ones((1000, 1)), np.zeros((1000, 1)))
-    both, band = [Segment("made.csv", motion, torque)] * 2, Band(5.0)
-    found = validate("judge", both, band, lambda m: torque, lambda m: 0.9 * torque)
+    both = DecimatedSegments([Segment("made.csv", motion, torque)] * 2, 5.0)
+    found = validate("judge", both, lambda m: torque, lambda m: 0.9 * torque)
     assert found.every.overall < 1e-12 and found.nominal.overall == pytest.approx(0.1)
     assert found.recordings == ("made.csv",) and len(found.edges) == 3
     assert len(found.t) == 2 * (1000 - 2 * 75)
