@@ -34,10 +34,11 @@ from gapscope.diagnosis.gap.commanded_torque import filled
 from gapscope.diagnosis.gap.plausible_data import select_windows
 from gapscope.diagnosis.setup_faults.references import (
     GAINS,
-    LAW_TORQUE,
+    LawSums,
     late_references,
     law_motion,
     law_sums,
+    of_gains,
 )
 from gapscope.diagnosis.thresholds import INERTIAL_ERROR, LAW_EXPLAINS, LAW_GAIN
 from gapscope.effects.actuation import DELAY_TIME
@@ -480,15 +481,18 @@ def with_fed_forward(case: Case, seen: Case) -> Case:
     if not isinstance(declared, PD) or not recorded:
         return case
 
+    @cache
+    def sums_of(delay: float) -> LawSums | None:
+        return law_sums(_with_references(seen, delay) if delay else seen)
+
     def left(kind: str, delay: float, columns: Sequence[Any] = WITH_GAINS) -> float:
         """Share of the torque that a law leaves, median over joints that move [1]; infinite if none is recorded."""
-        asked = replace(seen, controller=replace(declared, feedforward=kind))
-        sums = law_sums(_with_references(asked, delay) if delay else asked)
+        sums = sums_of(delay)
         if sums is None or not sums.moves.any():
             return np.inf
         every = []
         for j in np.flatnonzero(sums.moves):
-            fits = [sums.fit(j, LAW_TORQUE, one, {"torque": 1.0}) for one in columns]
+            fits = [sums.fit(j, of_gains(kind), x, {"torque": 1.0}) for x in columns]
             every.append(min(share for _, share in fits))
         return float(np.median(every))
 

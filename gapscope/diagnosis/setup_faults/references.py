@@ -12,7 +12,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.optimize import least_squares
 
 from gapscope.arm.case import Case
-from gapscope.arm.control import PD, feedforward
+from gapscope.arm.control import FEEDFORWARDS, PD, feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.reading import Reading, references
@@ -64,6 +64,8 @@ from gapscope.model.readings import FAULT_SIGN_WIDTH
 
 CLIPPED = 0.98
 """Torque over its limit from which on it may be clipped [1]. (physical)"""
+WEIGHT = ("gravity x", "gravity y", "gravity z")
+"""Columns of a feedforward that believes in another gravity."""
 SERIES = (
     "error",
     "rate",
@@ -71,14 +73,14 @@ SERIES = (
     "dry",
     "one",
     "torque",
-    "feedforward",
     "needed",
-    *("gravity x", "gravity y", "gravity z"),
+    *FEEDFORWARDS,
+    *WEIGHT,
 )
 """Series of each joint, K of them: q_ref - q [rad], its rate [rad/s], velocity [rad/s] and its smoothed sign, one,
-torque recorded (that which the nominal arm needs if none was), feedforward declared (zero without a controller), torque
-that the nominal arm needs with its friction [N m], and torque of gravity of 1 m/s^2 along each axis of the base on the
-reference (zero without a feedforward, which may believe in another gravity)."""
+torque recorded (that which the nominal arm needs if none was), torque that the nominal arm needs with its friction
+[N m], that which each kind of feedforward has, and that of gravity of 1 m/s^2 along each axis of the base on the
+reference."""
 FRICTION = ("dry", "dq", "one")
 """Columns of dry and viscous friction, and an offset."""
 GAINS = ("error", "rate")
@@ -220,21 +222,17 @@ def _series(
         if limit is not None and recorded:
             # a clipped torque is given by no gain
             free = np.abs(torque) < CLIPPED * limit
-        fed, gravity = np.zeros_like(torque), np.zeros((*torque.shape, 3))
-        if isinstance(controller, PD):
-            kind = controller.feedforward
-            fed = feedforward(case.arm, body, kind, *planned)
-            if kind != "none":
-                gravity = body.gravity_regressor(planned[0])
+        fed = [feedforward(case.arm, body, kind, *planned) for kind in FEEDFORWARDS]
+        weight = np.moveaxis(body.gravity_regressor(planned[0]), 2, 0)
         inner = segment.inner
-        error, rate, slow, torque, fed, needed, gravity = (
+        error, rate, slow, *others = (
             low_pass(x, motion.rate, TORQUE_CUTOFF)[inner]
-            for x in (error, planned[1] - dq, dq, torque, fed, needed, gravity)
+            for x in (error, planned[1] - dq, dq, torque, needed, *fed, *weight)
         )
         one = np.ones_like(error)
         dry = np.tanh(slow / FAULT_SIGN_WIDTH)
-        every = np.stack([error, rate, slow, dry, one, torque, fed, needed], axis=2)
-        out.append((np.concatenate([every, gravity], axis=2), free[inner]))
+        every = np.stack([error, rate, slow, dry, one, *others], axis=2)
+        out.append((every, free[inner]))
     return out
 
 
@@ -351,8 +349,14 @@ class OtherGainsAtWork(UnmeasuredTorque):
         return Reading.identity(n, law=tuple(law.get(j) for j in range(n)))
 
 
-LAW_TORQUE = {"torque": 1.0, "feedforward": -1.0}
-"""What kp and kd give of the torque."""
+def of_gains(kind: str) -> dict[str, float]:
+    """What kp and kd give of the torque, beside a kind of feedforward."""
+    return {"torque": 1.0, kind: -1.0}
+
+
+def _declared(case: Case) -> str:
+    """Kind of the declared feedforward."""
+    return case.controller.feedforward if isinstance(case.controller, PD) else "none"
 
 
 def _less_gains(target: Mapping[str, float], gains: np.ndarray) -> dict[str, float]:
@@ -369,11 +373,11 @@ def ignored_velocity(case: Case, sums: LawSums) -> FoundFault | None:
     if any(r.dq_ref is None for r in recordings):
         return None
     leads: dict[str, float] = {}
-    moving = np.flatnonzero(sums.moves)
+    moving, law = np.flatnonzero(sums.moves), of_gains(_declared(case))
     for j in moving:
         # tau = kp (q_ref - q) - kd dq, without the velocity's reference
-        gains, without = sums.fit(j, LAW_TORQUE, ("error", "dq", "one"))
-        _, with_it = sums.fit(j, LAW_TORQUE, (*GAINS, "one"))
+        gains, without = sums.fit(j, law, ("error", "dq", "one"))
+        _, with_it = sums.fit(j, law, (*GAINS, "one"))
         if with_it * LAW_GAIN < without and with_it < LAW_EXPLAINS:
             # one joint that clearly follows its velocity reference settles it
             return None
@@ -396,12 +400,12 @@ def other_gains(case: Case, sums: LawSums) -> FoundFault | None:
     least = np.log(NAMED_GAIN_FACTOR if sums.recorded else INFERRED_GAIN_FACTOR)
     factors: dict[int, np.ndarray] = {}
     # a wrong gravity in the feedforward must not pass for gains: errors under a load go with gravity too
-    others = ("one", *SERIES[-3:])
+    kind = declared.feedforward
+    law, others = of_gains(kind), ("one", *(WEIGHT if kind != "none" else ()))
     for j in np.flatnonzero(sums.moves):
-        gains, left = sums.fit(j, LAW_TORQUE, (*GAINS, *others))
+        gains, left = sums.fit(j, law, (*GAINS, *others))
         stated = np.array([declared.kp[j], declared.kd[j]])
-        given = _less_gains(LAW_TORQUE, stated)
-        _, as_declared = sums.fit(j, given, others, LAW_TORQUE)
+        _, as_declared = sums.fit(j, _less_gains(law, stated), others, law)
         explains = left < LAW_EXPLAINS and left * LAW_GAIN < as_declared
         if not explains or (gains[:2] <= 0).any() or (stated <= 0).any():
             continue
@@ -471,7 +475,7 @@ def unmeasured_torque(
     )
     if isinstance(declared, PD) and off.max() > np.log(NAMED_GAIN_FACTOR):
         # declared gains come with their feedforward, those of the column without
-        at_work, fed = stated, {**needed, "feedforward": -1.0}
+        at_work, fed = stated, {**needed, _declared(case): -1.0}
         for j in moving:
             own, other = _less_gains(needed, gains[j]), _less_gains(fed, stated[j])
             column.append(sums.fit(j, own, FRICTION, needed)[1])
