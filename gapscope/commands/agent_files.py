@@ -23,6 +23,7 @@ from gapscope.agents.training.training_loop import (
 )
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.case import load_case
+from gapscope.arm.display import listing
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_yaml
@@ -262,7 +263,7 @@ def claim(
             return
         other = [name for name in asked if earlier.get(name) != asked[name]]
         raise InputError(
-            f"holds a training with another {' and '.join(other)}",
+            f"holds another training, which differs in {listing(other)}",
             "choose another --out, or --again to replace it",
             file=out,
             where="--out",

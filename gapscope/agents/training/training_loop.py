@@ -29,6 +29,7 @@ from gapscope.agents.training.task import (
     judge,
 )
 from gapscope.agents.training.training_settings import TrainingSettings
+from gapscope.arm.display import listing
 from gapscope.arm.errors import GapscopeError, InputError, extra
 from gapscope.arm.input_file import complete_file, read_arrays
 from gapscope.arm.io.atomic_write import atomic_write, folder_aside
@@ -494,7 +495,7 @@ class Training:
         before = state["settings"]
         if other := [name for name in asked if before.get(name) != asked[name]]:
             raise InputError(
-                f"was made with another {' and '.join(other)}",
+                f"was made with other settings: {listing(other)}",
                 "choose another folder, or --again",
                 file=place,
             )
