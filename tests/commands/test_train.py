@@ -76,7 +76,9 @@ def test_writes_agent_curve_and_page_and_goes_on(
     assert (out / "curve.csv").read_bytes() == before
     other = gapscope(*command, "--seed", 1)
     assert (
-        other.code == 2 and "another settings" in other.err and "--again" in other.err
+        other.code == 2
+        and "differs in settings" in other.err
+        and "--again" in other.err
     )
     assert gapscope(*command, "--seed", 1, "--again").code == 0
     assert (out / "curve.csv").read_bytes() != before

@@ -162,7 +162,7 @@ def test_a_checkpoint_cut_short_or_of_other_settings_is_refused(
     task: Task, tmp_path: Path
 ) -> None:
     Training(task, SHORT, tmp_path).run()
-    with pytest.raises(InputError, match="another steps"):
+    with pytest.raises(InputError, match="other settings: steps"):
         Training(task, short(steps=512), tmp_path).run()
     found = read_checkpoint(tmp_path / CHECKPOINTS)
     assert found is not None
