@@ -848,64 +848,45 @@ class _Blocks:
         return [*found, *self._rest(n, order, found)]
 
     def _arrangement(self) -> tuple[int, tuple[int, ...]]:
-        """Number of joints, and the columns in an order in which those of a quantity follow each other."""
-        blocks = tuple(range(self.count))
-        distance, stride, span = self._offset()
-        n = 0 if self.arm is None else self.arm.n_joints
-        if n and not distance:
-            return self._without_derivatives(n)
-        if stride > 1:
-            # one joint after the other
-            own = self.count // stride
-            every = [place for place in blocks if place < own * stride]
-            return own, tuple(sorted(every, key=lambda place: place % stride))
-        # a derivative so far away that a whole arm fits in between
-        if n and span <= n <= distance:
-            return n, blocks
-        if not distance:
-            return self._smooth_run(), blocks
-        # what stands between a column and its derivative are whole blocks
-        return next(d for d in range(span, distance + 1) if distance % d == 0), blocks
+        """Number of joints, and the columns in an order in which those of a quantity follow each other.
 
-    def _offset(self) -> tuple[int, int, int]:
-        """How far the derivatives stand from their columns, the stride from joint to joint, and columns side by side.
-
-        Zeros if there are none.
+        That in which one block is most the derivative of another; without any, in which a block is smoothest.
         """
-        best, members = 0, np.flatnonzero(np.zeros(0))
-        for distance in range(1, self.count):
-            # before or after: either may come first in the file
-            for k in (distance, -distance):
-                own = np.flatnonzero(np.diagonal(self.cosine, k) > FOLLOWS)
-                if len(own) > len(members):
-                    best, members = distance, own
-        if not best:
-            return 0, 0, 0
-        # the usual distance: a torque may follow a motion by chance
-        apart, times = np.unique(np.diff(members), return_counts=True)
-        stride = int(apart[times.argmax()]) if len(apart) else 1
-        # a joint that stands still is part of its block
-        inside = self.still.copy()
-        inside[members] = True
-        edges = np.flatnonzero(np.diff(np.r_[False, inside, False]))
-        return best, stride, min(int((edges[1::2] - edges[::2]).max()), best)
+        known = 0 if self.arm is None else self.arm.n_joints
+        blocks, most = tuple(range(self.count)), self.count // 2
+        every = [(n, blocks) for n in range(1, most + 1)]
+        # one joint after the other
+        every += [(self.count // k, self._turned(k)) for k in range(2, most + 1)]
 
-    def _without_derivatives(self, n: int) -> tuple[int, tuple[int, ...]]:
-        """The arrangement of a log without velocities by the roughness of its columns, for n joints."""
-        blocks = tuple(range(self.count))
-        if n > self.count:
+        def rank(arrangement: tuple[int, tuple[int, ...]]) -> tuple[float, bool, int]:
+            n, order = arrangement
+            sure = 0.0
+            for (own, *_), one, other in self._scored(self._windows(n, order)):
+                # what stands between a column and its derivative are whole blocks
+                if n == known or order != blocks or (other[0] - one[0]) % n == 0:
+                    sure = max(sure, -own)
+            # of as many derivatives those of the robot's joints, else the widest block
+            return sure, n == known, n
+
+        best = max(every, key=rank, default=(0, blocks))
+        if every and rank(best)[0] > 0:
+            return best
+        n = known or self._smooth_run()
+        if not 0 < n <= self.count:
             return 0, blocks
-        stride = self.count // n
-        # joint by joint in place of block by block: the smoother block decides
-        turned = tuple(sorted(range(n * stride), key=lambda place: place % stride))
-        if self.count % n or stride == 1:
-            return n, blocks
-        rough = self._roughness()
+        rough, orders = self._roughness(), [blocks]
+        if self.count % n == 0 and self.count > n:
+            orders.append(self._turned(self.count // n))
 
-        def best(order: tuple[int, ...]) -> float:
+        def roughest(order: tuple[int, ...]) -> float:
             return min(rough[list(w)].max() for w in self._windows(n, order))
 
-        return n, min((blocks, turned), key=best)
+        return n, min(orders, key=roughest)
+
+    def _turned(self, stride: int) -> tuple[int, ...]:
+        """The columns joint by joint put block by block, for so many blocks; a rest of columns is left out."""
+        whole = range(self.count // stride * stride)
+        return tuple(sorted(whole, key=lambda place: place % stride))
 
     def _smooth_run(self) -> int:
         """Joints of a log without velocities: up to the references, or as many as there are smooth columns in a row."""
@@ -936,31 +917,37 @@ class _Blocks:
         step = 1 if order == tuple(range(self.count)) else n
         return [order[s : s + n] for s in range(0, len(order) - n + 1, step)]
 
+    def _scored(
+        self, windows: Sequence[tuple[int, ...]]
+    ) -> list[tuple[tuple[float, ...], tuple[int, ...], tuple[int, ...]]]:
+        """Blocks and those that are their derivatives, the surest first.
+
+        With each the columns that do not follow less those that do by one factor, and how badly they follow.
+        """
+        scored, every = [], np.array(windows)
+        # of each block against each other, joint by joint
+        following = (self.cosine > FOLLOWS)[every[:, None], every]
+        for k, m in np.argwhere(following.any(axis=2)):
+            one, other, follows = windows[k], windows[m], following[k, m]
+            if set(one) & set(other):
+                continue
+            ratio = self.ratio[one, other][follows]
+            alike = int((np.abs(ratio / np.median(ratio) - 1) < ALIKE).sum())
+            moving = ~self.still[list(one)]
+            # a friction that is viscous follows the velocity, by another factor on each joint
+            if 2 * alike >= moving.sum():
+                strange = int((moving & ~follows).sum())
+                cosine = float(np.median(self.cosine[one, other][follows]))
+                scored.append(((strange - alike, -alike, -cosine), one, other))
+        return sorted(scored)
+
     def _pairs(
         self, windows: Sequence[tuple[int, ...]]
     ) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """Blocks and those that are their derivatives, the surest first; no two overlap."""
-        scored = []
-        for one in windows:
-            for other in windows:
-                if set(one) & set(other):
-                    continue
-                follows = self.cosine[one, other] > FOLLOWS
-                if not follows.any():
-                    continue
-                ratio = self.ratio[one, other][follows]
-                alike = np.abs(ratio / np.median(ratio) - 1) < ALIKE
-                moving = ~self.still[list(one)]
-                # a friction that is viscous follows the velocity, by another factor on each joint
-                if 2 * alike.sum() >= moving.sum():
-                    cosine = float(np.median(self.cosine[one, other][follows]))
-                    strange = int((moving & ~follows).sum())
-                    # most alike, fewest that do not follow, then how well
-                    rank = (-int(alike.sum()), strange, -cosine)
-                    scored.append((rank, one, other))
         taken: list[tuple[int, ...]] = []
         pairs = []
-        for _, one, other in sorted(scored):
+        for _, one, other in self._scored(windows):
             news = [window for window in (one, other) if window not in taken]
             # blocks share no column, unless they are the same
             if any(set(window) & set(old) for window in news for old in taken):
