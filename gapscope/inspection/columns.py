@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 
@@ -296,17 +296,8 @@ class ColumnGroup:
         return "{joint}" in self.pattern
 
 
-@dataclass(frozen=True)
-class TableColumns:
-    """The columns of one table, sorted.
-
-    Attributes:
-        groups: one number for each joint.
-        singles: other columns of numbers, (N,) each.
-    """
-
-    groups: tuple[ColumnGroup, ...]
-    singles: Mapping[str, np.ndarray]
+TableColumns = tuple[tuple[ColumnGroup, ...], Mapping[str, np.ndarray]]
+"""The columns of one table: groups of one number for each joint, and other columns of numbers, (N,) each, by name."""
 
 
 def sorted_columns(table: Table, joints: Sequence[str] = ()) -> TableColumns:
@@ -327,7 +318,7 @@ def sorted_columns(table: Table, joints: Sequence[str] = ()) -> TableColumns:
         labels, names = tuple(members), tuple(members.values())
         values = np.column_stack([numbers.pop(name) for name in names])
         groups.append(ColumnGroup(_counted(pattern, labels), labels, names, values))
-    return TableColumns(tuple(map(_signed, groups)), numbers)
+    return tuple(map(_signed, groups)), numbers
 
 
 def _signed(group: ColumnGroup) -> ColumnGroup:
@@ -456,7 +447,7 @@ def guess_time(columns: TableColumns, rows: np.ndarray, context: str) -> TimeGue
         rows: their numbers in the file, (N,).
         context: name of file and topic.
     """
-    singles = columns.singles
+    groups, singles = columns
     named = [name for name in singles if meaning_of(name).quantity == "time"]
     rising = [name for name in singles if runs_forward(singles[name])]
     counted = None
@@ -487,7 +478,7 @@ def guess_time(columns: TableColumns, rows: np.ndarray, context: str) -> TimeGue
             return TimeGuess(name, unit, rate, seconds, why)
     # by the number of the row, with the rate at which the velocity is the derivative of the position
     motion: dict[str, np.ndarray] = {}
-    for group in columns.groups:
+    for group in groups:
         meaning = group.meaning(context)
         if not meaning.reference:
             # the first group of each quantity that was measured
@@ -572,17 +563,17 @@ class ChannelGuess:
 
 
 def channels_of_table(
-    columns: TableColumns, layout: Layout | None, time: TimeGuess, context: str
+    groups: Sequence[ColumnGroup], layout: Layout | None, time: TimeGuess, context: str
 ) -> list[ChannelGuess]:
     """Every group of columns that may be a channel, best first for each channel.
 
     Args:
-        columns: of the table.
+        groups: columns of the table.
         layout: columns of a known layout that the table has; they come before those told by their names.
         time: of the table.
         context: name of file and topic, which count if the names of the columns are silent.
     """
-    by_pattern = {group.pattern: group for group in columns.groups}
+    by_pattern = {group.pattern: group for group in groups}
     found = []
     # the vendor's word first: what columns mean is then known
     for channel, places in ({} if layout is None else layout.places).items():
@@ -592,7 +583,7 @@ def channels_of_table(
                 why = f"as in {layout.name}" if layout else ""
                 found.append(ChannelGuess(channel, group, place.unit, why, place.holds))
     taken = {guess.group.pattern for guess in found}
-    for group in columns.groups:
+    for group in groups:
         channel, role = _channel(group.meaning(context))
         # what the layout has taken is no other channel
         if channel and group.pattern not in taken:
@@ -725,12 +716,12 @@ def columns_by_values(
         arm: the nominal arm, if it is known.
         context: name of the file and the topic, which say what a block that is alone holds.
     """
-    named = sorted_columns(table, () if arm is None else arm.joints)
+    every, others = sorted_columns(table, () if arm is None else arm.joints)
     # names that do tell go before values
-    groups = [group for group in named.groups if meaning_of(group.pattern).quantity]
+    groups = [group for group in every if meaning_of(group.pattern).quantity]
     taken = {name for group in groups for name in group.names}
     singles = {}
-    for name, x in named.singles.items():
+    for name, x in others.items():
         quantity = meaning_of(name).quantity
         if quantity == "time":
             singles[name] = x
@@ -740,7 +731,7 @@ def columns_by_values(
             taken.add(name)
     # of columns without a word, those of which a measured velocity is the derivative
     rows = np.asarray(table.row_numbers)
-    for group, velocity in product(named.groups, groups):
+    for group, velocity in product(every, groups):
         meaning, other = meaning_of(group.pattern), meaning_of(velocity.pattern)
         wordless = not meaning.quantity and not meaning.words & NOT_OF_JOINTS
         measured = other.quantity == "velocity" and not other.reference
@@ -752,8 +743,8 @@ def columns_by_values(
             break
     # positions by name: values need not be asked
     if any(group.meaning("").quantity == "position" for group in groups):
-        others = {name: x for name, x in named.singles.items() if name not in taken}
-        return TableColumns(tuple(groups), singles | others)
+        rest = {name: x for name, x in others.items() if name not in taken}
+        return tuple(groups), singles | rest
     silent = {
         name: x
         for name, x in _numbers(table).items()
@@ -764,7 +755,7 @@ def columns_by_values(
     singles |= _times(silent)
     columns = [(name, x) for name, x in silent.items() if name not in singles]
     if not columns:
-        return TableColumns(tuple(groups), singles)
+        return tuple(groups), singles
     values = np.column_stack([x[:ROWS] for _, x in columns])
     sound = (np.abs(values) < BEYOND).all(axis=1)
     rows = np.asarray(table.row_numbers[:ROWS])
@@ -781,7 +772,7 @@ def columns_by_values(
         groups.append(block.group(columns))
         taken |= set(groups[-1].names)
     singles |= {name: x for name, x in columns if name not in taken}
-    return TableColumns(tuple(groups), singles)
+    return tuple(groups), singles
 
 
 def _times(numbers: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -1083,15 +1074,18 @@ class _Blocks:
         self, n: int, order: tuple[int, ...], found: Sequence[_Block]
     ) -> list[_Block]:
         """Blocks beside those that are known: references, temperatures, and possible torques, the likeliest first."""
-        starts = sorted(order.index(block.places[0]) for block in found)
-        # blocks fill what lies between those that are known
-        edges = [-n, *starts, len(order)]
-        windows: list[tuple[int, ...]] = []
-        for before, after in pairwise(edges):
-            begin, end = before + n, after
-            # columns before the first block end with it, all others follow one
-            begin = begin + (end - begin) % n if before < 0 else begin
-            windows += [order[s : s + n] for s in range(begin, end - n + 1, n)]
+        starts = [order.index(block.places[0]) for block in found]
+
+        def away(window: tuple[int, ...]) -> int:
+            return min(abs(order.index(window[0]) - start) for start in starts)
+
+        # blocks fill what lies beside those that are known, from these on
+        taken = {place for block in found for place in block.places}
+        windows = []
+        for window in sorted(self._windows(n, order), key=away):
+            if not taken & set(window):
+                windows.append(window)
+                taken |= set(window)
         position = found[0].places
         # what has two values is a switch
         several = np.array([len(np.unique(x)) > 2 for x in self.values.T])
