@@ -203,9 +203,7 @@ class GeneratorArm:
         ticks = round(DURATION * RATE)
         # the derivative of the tracking error is filtered, not that of the position: both pass the same filter
         filtered = VelocityFilter(
-            RATE,
-            VELOCITY_CUTOFF,
-            VELOCITY_DAMPING,
+            (RATE, VELOCITY_CUTOFF, VELOCITY_DAMPING),
             motion.q[0],
             np.zeros(self.arm.n_joints),
         )
@@ -288,7 +286,7 @@ def _steered(
     controller = AgentController(none, unlimited, agent)
     controller.begin(motion)
     rate = VelocityFilter(
-        RATE, VELOCITY_CUTOFF, VELOCITY_DAMPING, np.zeros(n), np.zeros(n)
+        (RATE, VELOCITY_CUTOFF, VELOCITY_DAMPING), np.zeros(n), np.zeros(n)
     )
 
     def steer(k: int, q: np.ndarray) -> np.ndarray:

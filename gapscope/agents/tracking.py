@@ -280,9 +280,7 @@ def track(
     # before t = 0: the arm settles under the loop until then
     simulated.start(motion.q[0], start_speed, float(motion.t[0]))
     error_rate = VelocityFilter(
-        1.0 / simulated.dt,
-        cutoff,
-        VELOCITY_DAMPING,
+        (1.0 / simulated.dt, cutoff, VELOCITY_DAMPING),
         np.zeros(n),
         # starts at the true rate of the error: a kick must not look like a step
         motion.dq[0] - start_speed,

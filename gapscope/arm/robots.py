@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -232,23 +232,20 @@ def placeholder(description: Description, joints: Collection[str]) -> str:
     if len(most) < SAME_INERTIA or description.form != "URDF":
         return ""
     return (
-        f"{description.file}: links of {len(most)} different masses have the same moments of inertia, placeholders "
+        f"links of {len(most)} different masses have the same moments of inertia, placeholders "
         "that are not the arm's: its torque cannot be judged by them; give its published inertials"
     )
 
 
-def silent_limits(description: Description, joints: Collection[str]) -> list[str]:
+def silent_limits(description: Description, joints: Collection[str]) -> Iterator[str]:
     """What the ``<limit>`` of joints of a URDF does not say, effort or velocity, a sentence for each joint."""
-    notes = []
     for joint in description.joints if description.form == "URDF" else ():
         lacking = [key for key in ("effort", "velocity") if getattr(joint, key) is None]
         # a continuous joint without <limit> is as it should be
         free = joint.turns_freely and len(lacking) == 2
         if joint.name in joints and lacking and not free:
-            notes.append(
-                f"{description.file}, joint {joint.name}: <limit> does not say {' and '.join(lacking)}: none is known"
-            )
-    return notes
+            said = f"<limit> does not say {' and '.join(lacking)}: none is known"
+            yield f"joint {joint.name}: {said}"
 
 
 # Joints of a robot file beside the arm's: where they are locked, and those that follow a joint of the arm.
@@ -305,9 +302,9 @@ def lock(
         if position or rule.master in joints:
             positions[name] = position
     positions = {name: positions[name] for name in single if name in positions}
-    notes = _notes(tree, joints, given)
+    notes = [*_locked_at_zero(tree, joints, given)]
     notes += [
-        f"{tree.file}: {name} follows {rule.master}: its inertia counts there as armature, its change of gravity "
+        f"{name} follows {rule.master}: its inertia counts there as armature, its change of gravity "
         "torque is left out"
         for name, rule in followers.items()
     ]
@@ -358,9 +355,9 @@ def _reflected(
     return np.maximum(added, 0.0)
 
 
-def _notes(
+def _locked_at_zero(
     tree: Description, joints: Sequence[str], given: Mapping[str, float]
-) -> list[str]:
+) -> Iterator[str]:
     """Joints locked at zero that count: those that the arm carries, and those that carry the arm."""
     moved, carriers = tree.moved(joints), tree.carriers(joints)
     silent, fixed = [], []
@@ -373,37 +370,27 @@ def _notes(
             fixed.append(joint.name or f"the joint of {joint.child}")
         elif joint.moves and joint.name not in given:
             silent.append(joint.name)
-    notes = []
     if silent:
-        notes.append(
-            f"{tree.file}: locked at zero: {shortened(silent)}; if one stood elsewhere, say so in locked: of "
-            "the case"
-        )
+        yield f"locked at zero: {shortened(silent)}; if one stood elsewhere, say so in locked: of the case"
     if fixed:
-        notes.append(
-            f"{tree.file}: fixed as the file draws it, for it has several degrees of freedom: "
-            f"{shortened(fixed)}"
-        )
-    return notes
+        yield f"fixed as the file draws it, for it has several degrees of freedom: {shortened(fixed)}"
 
 
-def left_out(description: Description, joints: Sequence[str]) -> tuple[str, ...]:
+def left_out(description: Description, joints: Sequence[str]) -> Iterator[str]:
     """What acts on an arm by its MJCF file and is not simulated, and the gains of its actuators, a sentence each."""
-    path = description.file
-    notes = [said for name, said in description.unread if not name or name in joints]
+    for name, said in description.unread:
+        if not name or name in joints:
+            yield said
     for link in description.links:
         if link.drawn and link.inertial is None and description.is_moved(link.name):
-            notes.append(
-                f"body {link.name} has no <inertial> and is weighed by its shapes; give it one"
-            )
+            yield f"body {link.name} has no <inertial> and is weighed by its shapes; give it one"
     gains = [description.single[name].gains or (0.0, 0.0) for name in joints]
     if np.any(gains):
         kp, kd = (", ".join(f"{x:g}" for x in own) for own in zip(*gains, strict=True))
-        notes.append(
+        yield (
             f"its actuators hold positions; as the controller: of a case, kp: [{kp}], kd: [{kd}] at the rate of the "
             "simulation"
         )
-    return tuple(f"{path}: {note}" for note in notes)
 
 
 # Nominal arms from a URDF file, or from a known name.
@@ -473,7 +460,7 @@ def load_nominal_arm(
     positions, reflected, assumed = lock(tree, names, locked or {})
     moved = tree.moved(names)
     notes = [
-        f"{fault.file}, {fault.where}: {fault.problem}; it does not move with the arm and is left out"
+        f"{fault.where}: {fault.problem}; it does not move with the arm and is left out"
         for link, fault in inertial_faults(tree).items()
         if link not in moved
     ]
@@ -489,7 +476,7 @@ def load_nominal_arm(
         notes += left_out(tree, names)
         values |= {} if tree.gravity is None else {"gravity": tree.gravity}
     for note in notes:
-        warnings.warn(note, ModelWarning, stacklevel=2)
+        warnings.warn(f"{tree.file}: {note}", ModelWarning, stacklevel=2)
     # what is given goes before what the file says
     values |= given
     # a joint that follows the arm's adds its inertia to that of the rotor

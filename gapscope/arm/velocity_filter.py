@@ -79,9 +79,7 @@ class VelocityFilter:
     Without a cut-off it is the backward difference. Delay at low frequency: 2 zeta / w, or half a period.
 
     Args:
-        rate: sampling rate [Hz].
-        cutoff: w / 2 pi [Hz], or ``None``.
-        damping: zeta [1].
+        estimate: sampling rate [Hz]; cut-off w / 2 pi [Hz], or ``None``; damping zeta [1].
         position: position at the start [rad], shape (n,).
         velocity: velocity until the start [rad/s], shape (n,).
         rule: one of ``RULES``.
@@ -94,18 +92,16 @@ class VelocityFilter:
 
     def __init__(
         self,
-        rate: float,
-        cutoff: float | None,
-        damping: float,
+        estimate: tuple[float, float | None, float],
         position: np.ndarray,
         velocity: np.ndarray,
         rule: str = "bilinear",
         first: np.ndarray | None = None,
     ) -> None:
-        gains = filter_gains(rate, cutoff, damping, rule)
+        gains = filter_gains(*estimate, rule)
         self._gains = np.array(gains)
         # as if it had moved at that velocity forever
-        moved = np.asarray(velocity, dtype=float) / rate
+        moved = np.asarray(velocity, dtype=float) / estimate[0]
         self.past = np.array(
             [position, position - moved, position - 2 * moved, velocity, velocity]
         )

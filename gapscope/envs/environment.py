@@ -391,7 +391,7 @@ class VelocityFilters:
 
     def put(self, number: int, position: np.ndarray, velocity: np.ndarray) -> None:
         """Start an arm at a position [rad], until which it had a velocity [rad/s], each (n,)."""
-        one = VelocityFilter(*self._how, position, velocity)
+        one = VelocityFilter(self._how, position, velocity)
         self._past[number] = one.past
         self._alone = one if len(self._past) == 1 else None
 

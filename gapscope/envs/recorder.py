@@ -113,7 +113,7 @@ def record(
     # the arm itself is unknown to its controller, which believes the nominal one
     control = ControlLoop(controller, arm)
     filtered = VelocityFilter(
-        *controller.estimate,
+        controller.estimate,
         targets.q[0],
         targets.dq[0],
     )

@@ -172,7 +172,7 @@ def _tracked(
     recorded = None if part.dq is None else part.dq[0]
     # by the rule that comes nearest to the velocity recorded
     velocity = VelocityFilter(
-        *controller.estimate,
+        controller.estimate,
         start,
         first.dq,
         rule_of(recording, controller),

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 
@@ -296,17 +296,8 @@ class ColumnGroup:
         return "{joint}" in self.pattern
 
 
-@dataclass(frozen=True)
-class TableColumns:
-    """The columns of one table, sorted.
-
-    Attributes:
-        groups: one number for each joint.
-        singles: other columns of numbers, (N,) each.
-    """
-
-    groups: tuple[ColumnGroup, ...]
-    singles: Mapping[str, np.ndarray]
+TableColumns = tuple[tuple[ColumnGroup, ...], Mapping[str, np.ndarray]]
+"""The columns of one table: groups of one number for each joint, and other columns of numbers, (N,) each, by name."""
 
 
 def sorted_columns(table: Table, joints: Sequence[str] = ()) -> TableColumns:
@@ -327,7 +318,7 @@ def sorted_columns(table: Table, joints: Sequence[str] = ()) -> TableColumns:
         labels, names = tuple(members), tuple(members.values())
         values = np.column_stack([numbers.pop(name) for name in names])
         groups.append(ColumnGroup(_counted(pattern, labels), labels, names, values))
-    return TableColumns(tuple(map(_signed, groups)), numbers)
+    return tuple(map(_signed, groups)), numbers
 
 
 def _signed(group: ColumnGroup) -> ColumnGroup:
@@ -456,7 +447,7 @@ def guess_time(columns: TableColumns, rows: np.ndarray, context: str) -> TimeGue
         rows: their numbers in the file, (N,).
         context: name of file and topic.
     """
-    singles = columns.singles
+    groups, singles = columns
     named = [name for name in singles if meaning_of(name).quantity == "time"]
     rising = [name for name in singles if runs_forward(singles[name])]
     counted = None
@@ -487,7 +478,7 @@ def guess_time(columns: TableColumns, rows: np.ndarray, context: str) -> TimeGue
             return TimeGuess(name, unit, rate, seconds, why)
     # by the number of the row, with the rate at which the velocity is the derivative of the position
     motion: dict[str, np.ndarray] = {}
-    for group in columns.groups:
+    for group in groups:
         meaning = group.meaning(context)
         if not meaning.reference:
             # the first group of each quantity that was measured
@@ -572,17 +563,17 @@ class ChannelGuess:
 
 
 def channels_of_table(
-    columns: TableColumns, layout: Layout | None, time: TimeGuess, context: str
+    groups: Sequence[ColumnGroup], layout: Layout | None, time: TimeGuess, context: str
 ) -> list[ChannelGuess]:
     """Every group of columns that may be a channel, best first for each channel.
 
     Args:
-        columns: of the table.
+        groups: columns of the table.
         layout: columns of a known layout that the table has; they come before those told by their names.
         time: of the table.
         context: name of file and topic, which count if the names of the columns are silent.
     """
-    by_pattern = {group.pattern: group for group in columns.groups}
+    by_pattern = {group.pattern: group for group in groups}
     found = []
     # the vendor's word first: what columns mean is then known
     for channel, places in ({} if layout is None else layout.places).items():
@@ -592,7 +583,7 @@ def channels_of_table(
                 why = f"as in {layout.name}" if layout else ""
                 found.append(ChannelGuess(channel, group, place.unit, why, place.holds))
     taken = {guess.group.pattern for guess in found}
-    for group in columns.groups:
+    for group in groups:
         channel, role = _channel(group.meaning(context))
         # what the layout has taken is no other channel
         if channel and group.pattern not in taken:
@@ -725,12 +716,12 @@ def columns_by_values(
         arm: the nominal arm, if it is known.
         context: name of the file and the topic, which say what a block that is alone holds.
     """
-    named = sorted_columns(table, () if arm is None else arm.joints)
+    every, others = sorted_columns(table, () if arm is None else arm.joints)
     # names that do tell go before values
-    groups = [group for group in named.groups if meaning_of(group.pattern).quantity]
+    groups = [group for group in every if meaning_of(group.pattern).quantity]
     taken = {name for group in groups for name in group.names}
     singles = {}
-    for name, x in named.singles.items():
+    for name, x in others.items():
         quantity = meaning_of(name).quantity
         if quantity == "time":
             singles[name] = x
@@ -740,7 +731,7 @@ def columns_by_values(
             taken.add(name)
     # of columns without a word, those of which a measured velocity is the derivative
     rows = np.asarray(table.row_numbers)
-    for group, velocity in product(named.groups, groups):
+    for group, velocity in product(every, groups):
         meaning, other = meaning_of(group.pattern), meaning_of(velocity.pattern)
         wordless = not meaning.quantity and not meaning.words & NOT_OF_JOINTS
         measured = other.quantity == "velocity" and not other.reference
@@ -752,8 +743,8 @@ def columns_by_values(
             break
     # positions by name: values need not be asked
     if any(group.meaning("").quantity == "position" for group in groups):
-        others = {name: x for name, x in named.singles.items() if name not in taken}
-        return TableColumns(tuple(groups), singles | others)
+        rest = {name: x for name, x in others.items() if name not in taken}
+        return tuple(groups), singles | rest
     silent = {
         name: x
         for name, x in _numbers(table).items()
@@ -764,7 +755,7 @@ def columns_by_values(
     singles |= _times(silent)
     columns = [(name, x) for name, x in silent.items() if name not in singles]
     if not columns:
-        return TableColumns(tuple(groups), singles)
+        return tuple(groups), singles
     values = np.column_stack([x[:ROWS] for _, x in columns])
     sound = (np.abs(values) < BEYOND).all(axis=1)
     rows = np.asarray(table.row_numbers[:ROWS])
@@ -781,7 +772,7 @@ def columns_by_values(
         groups.append(block.group(columns))
         taken |= set(groups[-1].names)
     singles |= {name: x for name, x in columns if name not in taken}
-    return TableColumns(tuple(groups), singles)
+    return tuple(groups), singles
 
 
 def _times(numbers: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -848,64 +839,45 @@ class _Blocks:
         return [*found, *self._rest(n, order, found)]
 
     def _arrangement(self) -> tuple[int, tuple[int, ...]]:
-        """Number of joints, and the columns in an order in which those of a quantity follow each other."""
-        blocks = tuple(range(self.count))
-        distance, stride, span = self._offset()
-        n = 0 if self.arm is None else self.arm.n_joints
-        if n and not distance:
-            return self._without_derivatives(n)
-        if stride > 1:
-            # one joint after the other
-            own = self.count // stride
-            every = [place for place in blocks if place < own * stride]
-            return own, tuple(sorted(every, key=lambda place: place % stride))
-        # a derivative so far away that a whole arm fits in between
-        if n and span <= n <= distance:
-            return n, blocks
-        if not distance:
-            return self._smooth_run(), blocks
-        # what stands between a column and its derivative are whole blocks
-        return next(d for d in range(span, distance + 1) if distance % d == 0), blocks
+        """Number of joints, and the columns in an order in which those of a quantity follow each other.
 
-    def _offset(self) -> tuple[int, int, int]:
-        """How far the derivatives stand from their columns, the stride from joint to joint, and columns side by side.
-
-        Zeros if there are none.
+        That in which one block is most the derivative of another; without any, in which a block is smoothest.
         """
-        best, members = 0, np.flatnonzero(np.zeros(0))
-        for distance in range(1, self.count):
-            # before or after: either may come first in the file
-            for k in (distance, -distance):
-                own = np.flatnonzero(np.diagonal(self.cosine, k) > FOLLOWS)
-                if len(own) > len(members):
-                    best, members = distance, own
-        if not best:
-            return 0, 0, 0
-        # the usual distance: a torque may follow a motion by chance
-        apart, times = np.unique(np.diff(members), return_counts=True)
-        stride = int(apart[times.argmax()]) if len(apart) else 1
-        # a joint that stands still is part of its block
-        inside = self.still.copy()
-        inside[members] = True
-        edges = np.flatnonzero(np.diff(np.r_[False, inside, False]))
-        return best, stride, min(int((edges[1::2] - edges[::2]).max()), best)
+        known = 0 if self.arm is None else self.arm.n_joints
+        blocks, most = tuple(range(self.count)), self.count // 2
+        every = [(n, blocks) for n in range(1, most + 1)]
+        # one joint after the other
+        every += [(self.count // k, self._turned(k)) for k in range(2, most + 1)]
 
-    def _without_derivatives(self, n: int) -> tuple[int, tuple[int, ...]]:
-        """The arrangement of a log without velocities by the roughness of its columns, for n joints."""
-        blocks = tuple(range(self.count))
-        if n > self.count:
+        def rank(arrangement: tuple[int, tuple[int, ...]]) -> tuple[float, bool, int]:
+            n, order = arrangement
+            sure = 0.0
+            for (own, *_), one, other in self._scored(self._windows(n, order)):
+                # what stands between a column and its derivative are whole blocks
+                if n == known or order != blocks or (other[0] - one[0]) % n == 0:
+                    sure = max(sure, -own)
+            # of as many derivatives those of the robot's joints, else the widest block
+            return sure, n == known, n
+
+        best = max(every, key=rank, default=(0, blocks))
+        if every and rank(best)[0] > 0:
+            return best
+        n = known or self._smooth_run()
+        if not 0 < n <= self.count:
             return 0, blocks
-        stride = self.count // n
-        # joint by joint in place of block by block: the smoother block decides
-        turned = tuple(sorted(range(n * stride), key=lambda place: place % stride))
-        if self.count % n or stride == 1:
-            return n, blocks
-        rough = self._roughness()
+        rough, orders = self._roughness(), [blocks]
+        if self.count % n == 0 and self.count > n:
+            orders.append(self._turned(self.count // n))
 
-        def best(order: tuple[int, ...]) -> float:
+        def roughest(order: tuple[int, ...]) -> float:
             return min(rough[list(w)].max() for w in self._windows(n, order))
 
-        return n, min((blocks, turned), key=best)
+        return n, min(orders, key=roughest)
+
+    def _turned(self, stride: int) -> tuple[int, ...]:
+        """The columns joint by joint put block by block, for so many blocks; a rest of columns is left out."""
+        whole = range(self.count // stride * stride)
+        return tuple(sorted(whole, key=lambda place: place % stride))
 
     def _smooth_run(self) -> int:
         """Joints of a log without velocities: up to the references, or as many as there are smooth columns in a row."""
@@ -936,31 +908,37 @@ class _Blocks:
         step = 1 if order == tuple(range(self.count)) else n
         return [order[s : s + n] for s in range(0, len(order) - n + 1, step)]
 
+    def _scored(
+        self, windows: Sequence[tuple[int, ...]]
+    ) -> list[tuple[tuple[float, ...], tuple[int, ...], tuple[int, ...]]]:
+        """Blocks and those that are their derivatives, the surest first.
+
+        With each the columns that do not follow less those that do by one factor, and how badly they follow.
+        """
+        scored, every = [], np.array(windows)
+        # of each block against each other, joint by joint
+        following = (self.cosine > FOLLOWS)[every[:, None], every]
+        for k, m in np.argwhere(following.any(axis=2)):
+            one, other, follows = windows[k], windows[m], following[k, m]
+            if set(one) & set(other):
+                continue
+            ratio = self.ratio[one, other][follows]
+            alike = int((np.abs(ratio / np.median(ratio) - 1) < ALIKE).sum())
+            moving = ~self.still[list(one)]
+            # a friction that is viscous follows the velocity, by another factor on each joint
+            if 2 * alike >= moving.sum():
+                strange = int((moving & ~follows).sum())
+                cosine = float(np.median(self.cosine[one, other][follows]))
+                scored.append(((strange - alike, -alike, -cosine), one, other))
+        return sorted(scored)
+
     def _pairs(
         self, windows: Sequence[tuple[int, ...]]
     ) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """Blocks and those that are their derivatives, the surest first; no two overlap."""
-        scored = []
-        for one in windows:
-            for other in windows:
-                if set(one) & set(other):
-                    continue
-                follows = self.cosine[one, other] > FOLLOWS
-                if not follows.any():
-                    continue
-                ratio = self.ratio[one, other][follows]
-                alike = np.abs(ratio / np.median(ratio) - 1) < ALIKE
-                moving = ~self.still[list(one)]
-                # a friction that is viscous follows the velocity, by another factor on each joint
-                if 2 * alike.sum() >= moving.sum():
-                    cosine = float(np.median(self.cosine[one, other][follows]))
-                    strange = int((moving & ~follows).sum())
-                    # most alike, fewest that do not follow, then how well
-                    rank = (-int(alike.sum()), strange, -cosine)
-                    scored.append((rank, one, other))
         taken: list[tuple[int, ...]] = []
         pairs = []
-        for _, one, other in sorted(scored):
+        for _, one, other in self._scored(windows):
             news = [window for window in (one, other) if window not in taken]
             # blocks share no column, unless they are the same
             if any(set(window) & set(old) for window in news for old in taken):
@@ -1096,15 +1074,18 @@ class _Blocks:
         self, n: int, order: tuple[int, ...], found: Sequence[_Block]
     ) -> list[_Block]:
         """Blocks beside those that are known: references, temperatures, and possible torques, the likeliest first."""
-        starts = sorted(order.index(block.places[0]) for block in found)
-        # blocks fill what lies between those that are known
-        edges = [-n, *starts, len(order)]
-        windows: list[tuple[int, ...]] = []
-        for before, after in pairwise(edges):
-            begin, end = before + n, after
-            # columns before the first block end with it, all others follow one
-            begin = begin + (end - begin) % n if before < 0 else begin
-            windows += [order[s : s + n] for s in range(begin, end - n + 1, n)]
+        starts = [order.index(block.places[0]) for block in found]
+
+        def away(window: tuple[int, ...]) -> int:
+            return min(abs(order.index(window[0]) - start) for start in starts)
+
+        # blocks fill what lies beside those that are known, from these on
+        taken = {place for block in found for place in block.places}
+        windows = []
+        for window in sorted(self._windows(n, order), key=away):
+            if not taken & set(window):
+                windows.append(window)
+                taken |= set(window)
         position = found[0].places
         # what has two values is a switch
         several = np.array([len(np.unique(x)) > 2 for x in self.values.T])

@@ -53,7 +53,6 @@ from gapscope.inspection.columns import (
     AMPERES,
     ChannelGuess,
     ColumnGroup,
-    TableColumns,
     TimeGuess,
     channels_of_table,
     columns_by_values,
@@ -71,21 +70,21 @@ class InspectedTable:
     Attributes:
         log: that holds it.
         part: the table in the log.
-        columns: sorted.
+        groups: its columns with one number for each joint.
         time: where the time stands.
         channels: every group of columns that may be a channel, the best first for each.
     """
 
     log: Log
     part: Table
-    columns: TableColumns
+    groups: tuple[ColumnGroup, ...]
     time: TimeGuess
     channels: tuple[ChannelGuess, ...]
 
     @property
     def by_values(self) -> bool:
         """Whether values tell what columns hold, their names being silent or missing."""
-        return any(group.holds for group in self.columns.groups) or self.part.unnamed
+        return any(group.holds for group in self.groups) or self.part.unnamed
 
     @property
     def label(self) -> str:
@@ -145,8 +144,9 @@ def inspect_table(
     else:
         columns = sorted_columns(part, () if arm is None else arm.joints)
     time = guess_time(columns, np.asarray(part.row_numbers), context)
-    channels = channels_of_table(columns, layout_of(part), time, context)
-    return InspectedTable(log, part, columns, time, tuple(channels))
+    groups, _ = columns
+    channels = channels_of_table(groups, layout_of(part), time, context)
+    return InspectedTable(log, part, groups, time, tuple(channels))
 
 
 # What a torque column can be, by the log alone: silent, unsigned, computed, or another column times a factor.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from gapscope.arm.dynamics.description import Description
-from gapscope.arm.dynamics.link_shapes import mesh_points, shape_points, solid_of
+from gapscope.arm.dynamics.link_shapes import mesh_points, shape_points
 from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.case_file import CasePaths, is_case, read_case_file
 from gapscope.arm.robots import locate
@@ -121,14 +122,11 @@ def link_geometry(description: Description, link: str) -> Geometry | None:
     whole = _hull(np.vstack(every)) if shapes else None
     if not hulls or whole is None:
         return None
-    solid = solid_of([hull.points[hull.vertices] for hull in hulls])
-    moments = solid.inertia
-    variance = (np.eye(3) * np.trace(moments) / 2 - moments) / solid.mass
+    volume, centre, variance = _solid(hulls)
     corners = whole.points[whole.vertices]
     edge = float(np.ptp(corners, axis=0).max())
     # overlapping shapes may add up to more than the hull of all
-    volume = min(float(solid.mass), whole.volume)
-    return Geometry(corners, volume, solid.lever, variance, edge)
+    return Geometry(corners, min(volume, whole.volume), centre, variance, edge)
 
 
 def distance_outside(geometry: Geometry, point: np.ndarray) -> float:
@@ -144,6 +142,27 @@ def _hull(points: np.ndarray) -> ConvexHull | None:
         return ConvexHull(points)
     except (QhullError, ValueError):
         return None
+
+
+def _solid(hulls: Sequence[ConvexHull]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Volume [m^3], centre [m] and variance [m^2] of the bodies within hulls together, by tetrahedra.
+
+    With the corners p_i of a side and a point inside, each has the volume V = |det(p_i - p_4)| / 6 and the second
+    moment V/20 (sum p_i p_i^T + (sum p_i)(sum p_i)^T).
+    """
+    parts = []
+    for hull in hulls:
+        sides = hull.points[hull.simplices]
+        # from a point inside, so that all tetrahedra count with the same sign
+        inside = np.broadcast_to(hull.points[hull.vertices].mean(axis=0), sides.shape)
+        parts.append(np.concatenate([sides, inside[:, :1]], axis=1))
+    corners = np.concatenate(parts)
+    volumes = np.abs(np.linalg.det(corners[:, :3] - corners[:, 3:])) / 6
+    total, sums = volumes.sum(), corners.sum(axis=1)
+    centre = volumes @ sums / 4 / total
+    second = np.einsum("t,tki,tkj->ij", volumes / 20, corners, corners)
+    second += np.einsum("t,ti,tj->ij", volumes / 20, sums, sums)
+    return float(total), centre, second / total - np.outer(centre, centre)
 
 
 @lru_cache(maxsize=256)

@@ -130,7 +130,7 @@ def test_an_arm_that_runs_away_is_reported(
 def test_filter_rule_shows_in_a_recorded_velocity(rate: float, rule: str) -> None:
     t = np.arange(0.0, 4.0, 1 / rate)
     q, one = 0.5 * np.sin(3 * np.pi * t)[:, None], np.ones(1)
-    filtered = VelocityFilter(rate, 80.0, 0.9, q[0], 1.5 * np.pi * one, rule)
+    filtered = VelocityFilter((rate, 80.0, 0.9), q[0], 1.5 * np.pi * one, rule)
     dq = np.array([filtered(row) for row in q])
     filters = {"velocity_cutoff": 80.0, "velocity_damping": 0.9}
     law = PD(rate=rate, kp=one, kd=one, **filters)

@@ -54,7 +54,7 @@ def _speed_left(controller: Controller, weightless: NominalArm) -> float:
     """Speed of a pushed joint of the pendulum's inertia, without gravity, after 4 s [rad/s]."""
     control = ControlLoop(controller, weightless)
     filtered = VelocityFilter(
-        controller.rate, controller.velocity_cutoff, 0.9, np.zeros(1), np.zeros(1)
+        (controller.rate, controller.velocity_cutoff, 0.9), np.zeros(1), np.zeros(1)
     )
     rest = Targets(*np.zeros((4, 1)))
     q, dq, dt = np.zeros(1), np.full(1, 1e-3), 1 / controller.rate

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from arms import Link, urdf
 from jsonschema import Draft202012Validator
 
 import gapscope
@@ -27,52 +28,36 @@ WIDTHS = (0.14, 0.12, 0.1, 0.09, 0.08, 0.07)
 DENSITIES = (2000.0, 1500.0, 1800.0, 2200.0, 1700.0, 2500.0)
 
 
-def link(number: int, shapes: bool) -> str:
-    """A link along x or z in turn, homogeneous."""
-    length, width = LENGTHS[number], WIDTHS[number]
-    edges = np.array([width, width, width])
-    along = 0 if number % 2 else 2
-    edges[along] = length
-    mass = DENSITIES[number] * edges.prod()
-    moments = mass / 12 * ((edges**2).sum() - edges**2)
-    centre = np.zeros(3)
-    centre[along] = length / 2
-    origin = f'<origin xyz="{centre[0]:.4f} {centre[1]:.4f} {centre[2]:.4f}"/>'
-    size = " ".join(f"{edge:.4f}" for edge in edges)
-    shape = f'<collision>{origin}<geometry><box size="{size}"/></geometry></collision>'
-    return f"""  <link name="link_{number}">
-    <inertial>
-      {origin}
-      <mass value="{mass:.4f}"/>
-      <inertia ixx="{moments[0]:.6f}" ixy="0" ixz="0" iyy="{moments[1]:.6f}" iyz="0" izz="{moments[2]:.6f}"/>
-    </inertial>
-    {shape if shapes else ""}
-  </link>"""
-
-
-def joint(number: int) -> str:
-    """The joint that moves a link, at the end of the one before."""
-    before = number - 1
-    place = [0.0, 0.0, 0.0]
-    if number:
-        place[0 if before % 2 else 2] = LENGTHS[before]
-    parent = f"link_{before}" if number else "base"
-    xyz = " ".join(f"{x:.4f}" for x in place)
-    return f"""  <joint name="joint_{number + 1}" type="revolute">
-    <parent link="{parent}"/>
-    <child link="link_{number}"/>
-    <origin xyz="{xyz}"/>
-    <axis xyz="0 {number % 2} {1 - number % 2}"/>
-    <limit lower="-2" upper="2" effort="{100 - 10 * number}" velocity="{2 + number}"/>
-    <dynamics damping="{3 - 0.3 * number:.1f}" friction="{5 - 0.5 * number:.1f}"/>
-  </joint>"""
-
-
 def arm_text(shapes: bool = True) -> str:
-    """A plausible arm of boxes as URDF, with shapes or without."""
-    parts = [f"{joint(k)}\n{link(k, shapes)}" for k in range(len(LENGTHS))]
-    head = ['<robot name="boxes">', '  <link name="base"/>']
-    return "\n".join([*head, *parts, "</robot>"])
+    """A plausible arm of homogeneous boxes along x or z in turn, as URDF, with shapes or without."""
+    links, place = [], "0 0 0"
+    sizes = zip(LENGTHS, WIDTHS, DENSITIES, strict=True)
+    for k, (length, width, density) in enumerate(sizes):
+        end = np.zeros(3)
+        end[0 if k % 2 else 2] = length
+        edges = np.maximum(end, width)
+        mass = density * edges.prod()
+        moments = mass / 12 * ((edges**2).sum() - edges**2)
+        com, size, tip = (
+            " ".join(f"{x:.4f}" for x in xyz) for xyz in (end / 2, edges, end)
+        )
+        box = f'<origin xyz="{com}"/><geometry><box size="{size}"/></geometry>'
+        links.append(
+            Link(
+                f"joint_{k + 1}",
+                f"link_{k}",
+                f"0 {k % 2} {1 - k % 2}",
+                place,
+                round(mass, 4),
+                com,
+                " ".join(f"{x:.6f}" for x in moments),
+                f"-2 2 {100 - 10 * k} {2 + k}",
+                more=f'<dynamics damping="{3 - 0.3 * k:.1f}" friction="{5 - 0.5 * k:.1f}"/>',
+                shape=f"<collision>{box}</collision>" * shapes,
+            )
+        )
+        place = tip
+    return urdf("boxes", *links)
 
 
 @pytest.fixture
@@ -233,17 +218,16 @@ def test_products_of_inertia_of_the_opposite_sign_are_found(
     rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     moments = rotation @ np.diag(along) @ rotation.T
 
-    def askew(number: int) -> str:
-        return f"""<link name="link_{number}"><inertial><mass value="{mass}"/>
-          <inertia ixx="{moments[0, 0]}" ixy="{sign * moments[0, 1]}" ixz="0" iyy="{moments[1, 1]}" iyz="0"
-            izz="{moments[2, 2]}"/></inertial>
-          <visual><origin rpy="0 0 {turn}"/><geometry><box size="0.4 0.1 0.1"/></geometry></visual></link>
-        <joint name="joint_{number}" type="revolute"><parent link="{"base" if number == 0 else f"link_{number - 1}"}"/>
-          <child link="link_{number}"/><origin xyz="0.3 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
-        </joint>"""
-
-    parts = "".join(askew(number) for number in range(3))
-    audit = audited(f'<robot name="x"><link name="base"/>{parts}</robot>')
+    (xx, xy, _), (_, yy, _), (_, _, zz) = moments
+    box = '<geometry><box size="0.4 0.1 0.1"/></geometry>'
+    askew = Link(
+        *("", "", "1 0 0", "0.3 0 0", mass, "0 0 0"),
+        inertia=f"{xx} {yy} {zz} {sign * xy}",
+        limit="-1 1 1 1",
+        shape=f'<visual><origin rpy="0 0 {turn}"/>{box}</visual>',
+    )
+    links = [askew._replace(joint=f"j{k}", name=f"link_{k}") for k in range(3)]
+    audit = audited(urdf("x", *links))
     assert ("products_of_inertia" in found(audit)) == (sign < 0)
 
 

@@ -187,18 +187,6 @@ def mesh_points(mesh: Path, scale: Sequence[float]) -> np.ndarray | None:
     return np.asarray(loaded.vertices())
 
 
-def solid_of(parts: Sequence[np.ndarray]) -> pin.Inertia:
-    """Mass, centre and moments of bodies of unit density within the hulls of points [m], (K, 3) each, together."""
-    total = pin.Inertia.Zero()
-    for points in parts:
-        corners = coal.StdVec_Vec3s()
-        corners.extend(list(points))
-        hull = coal.Convex.convexHull(corners, True, "Qt")
-        moments = hull.computeMomentofInertiaRelatedToCOM()
-        total += pin.Inertia(hull.computeVolume(), hull.computeCOM(), moments)
-    return total
-
-
 def _hull(body: int, points: np.ndarray) -> list[Hull]:
     """The hull of the farthest points in evenly spread directions; none of flat shapes."""
     if len(points) <= points.shape[1]:

@@ -272,7 +272,7 @@ class ClosedLoop:
         if starts is not None:
             start, start_speed = np.array(starts).swapaxes(0, 1)
         velocity = VelocityFilter(
-            *controller.estimate,
+            controller.estimate,
             start,
             start_speed,
             self.rule,
@@ -340,9 +340,7 @@ class ClosedLoop:
         # the starts do not depend on the parameters
         at_rest = np.zeros((*q.shape[1:], directions.shape[1]))
         velocity = VelocityFilter(
-            rate,
-            controller.velocity_cutoff,
-            controller.velocity_damping,
+            (rate, controller.velocity_cutoff, controller.velocity_damping),
             at_rest,
             at_rest,
             self.rule,

@@ -142,31 +142,28 @@ def _fill(case: Case, folder: Path, ending: str) -> None:
     names = _file_names([recording.name for recording in recordings], ending)
     for recording, name in zip(recordings, names, strict=True):
         write_recording(recording, folder / name)
+    fitted = len(case.recordings)
+    payloads = {
+        name: recording.payload.entry()
+        for name, recording in zip(names, recordings, strict=True)
+        if recording.payload is not None
+    }
+    silent = any(recording.tau is None for recording in recordings)
     content: dict[str, Any] = {
         "name": case.name,
         "robot": "robot.urdf",
         "joints": list(case.arm.joints),
         "gravity": case.arm.gravity.tolist(),
         "nominal": nominal_section(case.arm),
+        "locked": dict(case.arm.locked),
+        "controller": case.controller and controller_section(case.controller),
+        "recordings": names[:fitted],
+        "judge": names[fitted:],
+        "payloads": payloads,
+        # a case is expected to hold torque unless its import section excludes it
+        "import": {"tau": None} if silent else {},
     }
-    if case.arm.locked:
-        content["locked"] = dict(case.arm.locked)
-    if case.controller is not None:
-        content["controller"] = controller_section(case.controller)
-    fitted = len(case.recordings)
-    content["recordings"] = names[:fitted]
-    if case.judged:
-        content["judge"] = names[fitted:]
-    payloads = {
-        name: recording.payload.entry()
-        for name, recording in zip(names, recordings, strict=True)
-        if recording.payload is not None
-    }
-    if payloads:
-        content["payloads"] = payloads
-    # a case is expected to hold torque unless its import section excludes it
-    if any(recording.tau is None for recording in recordings):
-        content["import"] = {"tau": None}
+    content = {key: value for key, value in content.items() if value}
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
     (folder / "case.yaml").write_text(text, encoding="utf-8")
 
@@ -187,10 +184,10 @@ def _file_names(labels: Iterable[str], ending: str) -> list[str]:
 def nominal_section(arm: NominalArm) -> dict[str, Any]:
     """The ``nominal:`` section of an arm: rotors, friction, torque limits, encoders."""
     known = {name: getattr(arm, name) for name in SHEET_UNITS}
-    section = {name: x.tolist() for name, x in known.items() if x is not None}
-    section["encoder"] = arm.encoder
-    if arm.encoder_step is not None:
-        section["encoder_step"] = arm.encoder_step
-    if arm.coupled_motors and arm.coupling is not None:
-        section["coupling"] = coupling_entries(arm.coupling)
-    return section
+    section: dict[str, Any] = {
+        **{name: x if x is None else x.tolist() for name, x in known.items()},
+        "encoder": arm.encoder,
+        "encoder_step": arm.encoder_step,
+        "coupling": None if arm.coupling is None else coupling_entries(arm.coupling),
+    }
+    return {key: value for key, value in section.items() if value not in (None, [])}

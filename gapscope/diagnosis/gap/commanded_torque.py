@@ -308,7 +308,7 @@ def _velocity(
 ) -> np.ndarray:
     """Velocity that the controller makes of positions at its ticks [rad/s], (K, n); ``start``: before them."""
     filtered = VelocityFilter(
-        *controller.estimate,
+        controller.estimate,
         q[0],
         start,
         rule,

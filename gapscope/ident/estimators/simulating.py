@@ -74,7 +74,7 @@ def check_controller(
         spline = make_interp_spline(t, recording.q, k=3)
         q = spline(np.clip(commands.t, t[0], t[-1]))
         filtered = VelocityFilter(
-            *controller.estimate,
+            controller.estimate,
             q[0],
             commands.dq[0],
         )

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from sweeps import daily
 
 from gapscope.arm.dynamics.plain_urdf import moving_links, plain_mjcf
@@ -15,69 +14,12 @@ from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
-SHEET = {"armature": "0.05", "frictionloss": "0.4", "damping": "0.3"}
-ORDER = ("xx", "yy", "zz", "xy", "xz", "yz")
-"""In which MJCF lists moments and products of inertia."""
 INERTIAL = '<inertial pos="0 0 0.2" mass="2" diaginertia="0.1 0.1 0.02"/>'
-
-
-def _numbers(text: str | None) -> np.ndarray:
-    return np.array((text or "0 0 0").split(), dtype=float)
-
-
-def _place(element: ET.Element, origin: ET.Element | None) -> None:
-    """Pose of a URDF origin as pos and quat."""
-    given = {} if origin is None else origin.attrib
-    turn = Rotation.from_euler("xyz", _numbers(given.get("rpy")))
-    x, y, z, w = turn.as_quat().tolist()
-    element.set("pos", given.get("xyz", "0 0 0"))
-    element.set("quat", f"{w!r} {x!r} {y!r} {z!r}")
-
-
-def written_as_mjcf(urdf: Path) -> str:
-    """A serial URDF translated by hand, not by the project: nested bodies, degrees, full inertia, a default class."""
-    robot = ET.parse(urdf).getroot()
-    root = ET.Element("mujoco", model="translated")
-    ET.SubElement(root, "compiler", angle="degree", autolimits="true")
-    ET.SubElement(ET.SubElement(root, "default"), "joint", SHEET)
-    bodies = {robot.find("joint/parent").get("link"): ET.SubElement(root, "worldbody")}
-    for joint in robot.findall("joint"):
-        parent, child = (joint.find(end).get("link") for end in ("parent", "child"))
-        body = bodies[child] = ET.SubElement(bodies[parent], "body", name=child)
-        _place(body, joint.find("origin"))
-        source = robot.find(f"link[@name='{child}']/inertial")
-        mass, origin = source.find("mass").get("value"), source.find("origin")
-        inertial = ET.SubElement(body, "inertial", mass=mass)
-        inertial.set("pos", "0 0 0" if origin is None else origin.get("xyz", "0 0 0"))
-        six = [source.find("inertia").get(f"i{ij}") for ij in ORDER]
-        inertial.set("fullinertia", " ".join(six))
-        if joint.get("type") != "fixed":
-            limit = joint.find("limit")
-            ends = [np.rad2deg(float(limit.get(side))) for side in ("lower", "upper")]
-            about = {"name": joint.get("name"), "axis": joint.find("axis").get("xyz")}
-            ET.SubElement(body, "joint", about, range=f"{ends[0]:.17g} {ends[1]:.17g}")
-    return ET.tostring(root, encoding="unicode")
 
 
 def _samples(n: int) -> np.ndarray:
     """Positions, velocities and accelerations, shape (3, 50, n)."""
     return np.random.default_rng(0).uniform(-1.5, 1.5, (3, 50, n))
-
-
-def test_seven_joints_have_the_inverse_dynamics_of_their_urdf(tmp_path: Path) -> None:
-    known = load_nominal_arm("kuka_iiwa")
-    (tmp_path / "arm.xml").write_text(written_as_mjcf(known.urdf))
-    read = load_nominal_arm(tmp_path / "arm.xml")
-    assert read.joints == known.joints and read.name == "translated"
-    bodies = [RigidBody(arm) for arm in (known, read)]
-    expected, found = (body.inverse_dynamics(*_samples(7)) for body in bodies)
-    size = np.abs(expected).max()
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * size)
-    limits = [body.position_limits() for body in bodies]
-    np.testing.assert_allclose(limits[1], limits[0], atol=1e-12)
-    # rotors and friction of the file are the data sheet
-    sheet = np.array([read.armature, read.coulomb, read.viscous]).T
-    np.testing.assert_allclose(sheet, [list(map(float, SHEET.values()))] * 7)
 
 
 @pytest.mark.parametrize("robot", daily(KNOWN_ROBOTS, "franka_panda"))
@@ -229,6 +171,12 @@ def test_torque_limit_of_joint_and_actuator(
     assert body.velocity_limits() == pytest.approx([0.0])
 
 
+def test_rotors_and_friction_of_the_file_are_the_data_sheet(tmp_path: Path) -> None:
+    own = '<default><joint armature="0.05" frictionloss="0.4" damping="0.3"/></default>'
+    read = _load(tmp_path, _one(before=own))
+    assert (read.armature, read.coulomb, read.viscous) == (0.05, 0.4, 0.3)
+
+
 def test_a_body_without_a_name_weighs_what_it_weighs(tmp_path: Path) -> None:
     """Fixed to the rod, and turning on it."""
     fixed = _load(tmp_path, _one(f"<body>{INERTIAL}</body>"))
@@ -247,7 +195,10 @@ def test_several_joints_of_one_body_and_ways_to_say_a_turn_are_those_of_mujoco(
 ) -> None:
     mujoco = pytest.importorskip("mujoco")
     other = f'<body name="arm" pos="0 0 0.3" {turn}><joint name="lift" type="slide"/>'
-    second = f'<joint name="tilt" pos="0 0.1 0" axis="1 0 0"/>{INERTIAL}'
+    # xx yy zz xy xz yz
+    full = INERTIAL.replace("diaginertia", "fullinertia")
+    full = full.replace("0.02", "0.09 .01 .02 .03")
+    second = f'<joint name="tilt" pos="0 0.1 0" axis="1 0 0"/>{full}'
     # two more bodies, which are only there once frame and replicate are resolved
     more = f'<replicate count="2" offset="0.1 0 0"><body>{INERTIAL}</body></replicate>'
     framed = f'<frame pos="0 0.2 0" {turn}>{other}{second}{more}</body></frame>'
