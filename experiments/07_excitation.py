@@ -18,7 +18,6 @@ by gradients.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 import numpy as np
 from common import command_line, markdown
@@ -101,7 +100,7 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
     """Print what is optimal by each criterion, for each kind of trajectory: median over the seeds, least and most."""
     body = RigidBody(arm)
     model = ExcitationModel(arm, body, JOINT_COLUMNS)
-    measures: tuple[Callable[[float], float], ...] = (
+    measures = (
         float,
         *[lambda v: float(np.exp(-v))] * 2,
         float,

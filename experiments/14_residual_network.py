@@ -217,7 +217,7 @@ WAYS = [f"{what}_{apart}" for apart in APART for what in (ADDITIVE, "mlp", "tree
 
 def table(found: dict[str, dict[str, Any]]) -> str:
     """What each leaves of each joint."""
-    rows: list[list[str]] = []
+    rows = []
     for name, one in found.items():
         for key in ("nothing", "network", *WAYS):
             cells = [f"{x:.3g}" for x in one[key]]

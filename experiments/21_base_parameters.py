@@ -99,7 +99,7 @@ def symbolic_regressor(arm: NominalArm) -> SymbolicRegressor:
     )
     description = read_description(arm.urdf, shapes=False)
     joints = {joint.name: joint for joint in description.joints}
-    columns: list[sp.Matrix] = []
+    columns = []
     for name in arm.joints:
         chain = [*description.upwards(joints[name].child)][::-1]
         for kinetic, potential in _energies(arm, chain, q, dq):

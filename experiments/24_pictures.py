@@ -21,7 +21,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -399,7 +398,7 @@ def sweep(n_joints: int) -> Motion:
     return Motion(t, POSTURE + columns[0], columns[1], columns[2])
 
 
-MOTIONS: dict[str, Callable[[int], Motion]] = {
+MOTIONS = {
     "slow and fast": slow_and_fast,
     "sweep": sweep,
 }

@@ -162,7 +162,7 @@ def main() -> None:
     parser.add_argument("--mcap", default="", help="Python with mcap-ros2-support")
     parser.add_argument("--only", default="", help="formats whose name holds this text")
     options = parser.parse_args()
-    out: Path = options.out
+    out = options.out
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     (out / "effects.yaml").write_text(yaml.safe_dump(EFFECTS))

@@ -131,7 +131,7 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--models", type=Path, help="folder with URDF files")
     arguments = parser.parse_args()
-    sums: Counter[str] = Counter()
+    sums = Counter()
     faults = ("moments x 10", *SHIFTS)
     print(f"| model | shapes | as it is | {' | '.join(faults)} |")
     print("|---" * (3 + len(faults)) + "|")

@@ -30,7 +30,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -116,7 +116,7 @@ def without_gravity(case: Case, rng: np.random.Generator) -> Case:
     return replace(case, recordings=tuple(spoilt(r) for r in case.recordings))
 
 
-TORQUE_FAULTS: dict[str, Callable[[int], Fault]] = {
+TORQUE_FAULTS = {
     "gravity left out": lambda n: GravityCompensatedTorque(),
     "amperes, one constant": lambda n: TorqueUnit("current", factor=(10.0,)),
     "amperes, two sizes": lambda n: TorqueUnit("current", factor=(13.0,) * -(-n // 2) + (8.0,) * (n // 2)),
@@ -283,7 +283,7 @@ def torque_column() -> None:
 def drawn() -> None:
     """Faults of the catalogue drawn and put into real recordings."""
     command_line(drawn.__doc__).parse_args()
-    counts: Counter[str] = Counter()
+    counts = Counter()
     with TemporaryDirectory() as folder:
         for name in REAL:
             case = load_carrier(name, Path(folder) / name)
@@ -349,7 +349,7 @@ def drawn_shift(rng: np.random.Generator, n: int) -> Fault:
     return ShiftedInertials(int(rng.choice([-1, 1])), bool(rng.integers(2)))
 
 
-DRAWS: dict[str, Callable[[np.random.Generator, int], Fault]] = {
+DRAWS = {
     "sign_flip": drawn_flip,
     "joint_swap": drawn_swap,
     "unit_mismatch": drawn_unit,
@@ -363,7 +363,7 @@ DRAWS: dict[str, Callable[[np.random.Generator, int], Fault]] = {
 
 # References, gains, zeros and gravity
 
-REFERENCE_FAULTS: dict[str, Fault] = {
+REFERENCE_FAULTS = {
     "velocity_of_reference": VelocityOfReference(),
     "ignored_velocity_reference": IgnoredVelocityReference(),
     "speed_scaling 0.5": SpeedScaling(0.5),
@@ -505,7 +505,7 @@ def _zeros(case: Case) -> str:
     return "; ".join(words) or "none"
 
 
-REFERENCE_PARTS: dict[str, Callable[..., Iterator[tuple[str, str, str, str]]]] = {
+REFERENCE_PARTS = {
     "references": references_part,
     "zeros": zeros_part,
 }
@@ -542,7 +542,7 @@ def references() -> None:
 
 # Control laws
 
-LAW_EFFECTS: dict[str, tuple[AppliedEffect, ...]] = {
+LAW_EFFECTS = {
     "healthy": (),
     "payload": (AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.08]}),),
     "coulomb_friction": (AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]}),),

@@ -278,7 +278,7 @@ def healthy(seed: int, hours: float) -> dict[str, Any]:
 
 def judged(change: Change, events: list[Event]) -> dict[str, Any]:
     """What became of a change: the first alarm or misfit counts."""
-    row: dict[str, Any] = {"label": change.label, "outcome": "missed"}
+    row = {"label": change.label, "outcome": "missed"}
     if events:
         first = events[0]
         joints = [] if change.joint is None else [change.joint]
@@ -389,7 +389,7 @@ def per_day(count: int, hours: float) -> str:
 def table_of_alarms(found: list[dict[str, Any]]) -> str:
     """Table of false alarms."""
     head = ("arms", "hours", "alarms", "per 24 h (95 %)", "as", "misfits", "per 24 h")
-    groups: dict[str, list[dict[str, Any]]] = {"all": found}
+    groups = {"all": found}
     starts = {True: "started cold", False: "started warm"}
     for one in found:
         for label in (starts.get(one.get("cold")), one.get("noise"), one["robot"]):

@@ -324,8 +324,8 @@ def tables(rows: Sequence[tuple[Plan, dict[str, Any]]], out: Path) -> list[Table
     """The tables of the cases that have a result, simulated and real ones apart."""
     shown = []
     for name, kind in {"Simulated": Simulated, "Real": Carried}.items():
-        found: list[Value] = []
-        said: list[tuple[str, float, bool]] = []
+        found = []
+        said = []
         for plan, result in rows:
             if isinstance(plan, kind):
                 truth = read_json(out / "truth" / f"{plan.name}.json", "--step make")
@@ -346,7 +346,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=1, help="of simulated cases")
     arguments = parser.parse_args()
     out = arguments.out
-    plans: list[Plan] = [*planned_simulated(arguments.rounds), *planned_carried()]
+    plans = [*planned_simulated(arguments.rounds), *planned_carried()]
     truths = {out / "truth" / f"{plan.name}.json": plan for plan in plans}
 
     def make_all() -> None:

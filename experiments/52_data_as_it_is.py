@@ -386,7 +386,7 @@ def diagnosed(case: Path, damage: Damage, file: Path) -> dict[str, Any]:
     if file.is_file():
         return read_json(file, "remove it")
     begun = time.process_time()
-    result: dict[str, Any] = {"error": "", "document": None}
+    result = {"error": "", "document": None}
     with tempfile.TemporaryDirectory(prefix="gapscope_damaged_") as folder:
         damaged(case, damage, Path(folder))
         try:
@@ -450,7 +450,7 @@ def main() -> None:
     parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=ROBOTS)
     options = parser.parse_args()
     print(HEAD, "|---" * 8 + "|", sep="\n")
-    clean: dict[str, Outcome] = {}
+    clean = {}
     for damage in DAMAGES:
         if options.only and damage.name not in (*options.only, "clean"):
             continue

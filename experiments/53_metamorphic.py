@@ -111,7 +111,7 @@ BLIND = "--seed 7 --singles 2 --pairs 0 --triples 0 --outside 0 --healthy 1 --la
 
 BASE = {"PYTHONHASHSEED": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 TWO_THREADS = {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
-VARIANTS: dict[str, tuple[dict[str, str], str]] = {
+VARIANTS = {
     "first": ({}, "--jobs 1"),
     "again": ({}, "--jobs 2"),
     "other hash seed": ({"PYTHONHASHSEED": "2"}, ""),
@@ -161,7 +161,7 @@ def inputs(cases: Path, folder: Path) -> dict[str, Path]:
 
 def results(folder: Path) -> dict[str, Any]:
     """What a run wrote: bytes of files by their place, of JSON files the data."""
-    found: dict[str, Any] = {}
+    found = {}
     for path in sorted(folder.rglob("*")):
         if path.suffix not in TEXT or path.name in UNREPEATABLE or not path.is_file():
             continue
@@ -320,7 +320,7 @@ def main(out: Path, relations: list[str], cases: list[int]) -> int:
     """Diagnose what is asked for; 1 if a relation does not hold."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "cases").mkdir(exist_ok=True)
-    found: dict[str, list[Difference]] = {}
+    found = {}
     failed = False
     for number in cases:
         for relation in RELATIONS:

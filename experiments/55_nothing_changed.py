@@ -179,7 +179,7 @@ def make(groups: Sequence[str], out: Path) -> None:
         plan = out / "plans" / f"{group}.json"
         if plan.is_file():
             continue
-        planned: list[Comparison] = []
+        planned = []
         for case, found in arms(group, out):
             folder = out / "arms" / case.name
             write_case(case, folder, overwrite=True)

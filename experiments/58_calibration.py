@@ -211,7 +211,7 @@ def show(rows: list[dict[str, Any]]) -> None:
     """Print the figures as a Markdown table, a row for each share and for each layout."""
     head = ("", "healthy: something named", "changed: that alone", "named first")
     head = (*head, "probability above 0.8: right", "true value in the 95 % interval")
-    groups: list[tuple[str, str, Any]] = [
+    groups = [
         *((f"{100 * share:.0f} % unknown", "share", share) for share in SHARES),
         *((layout, "layout", layout) for layout in LAYOUTS),
     ]

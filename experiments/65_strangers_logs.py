@@ -212,7 +212,7 @@ def said(task: tuple[str, Log, Path]) -> dict[str, Any]:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     files, robot = write(arm, log, out, folder)
-    answer: dict[str, Any] = {"arm": arm, "log": log.name}
+    answer = {"arm": arm, "log": log.name}
     for command in COMMANDS:
         try:
             answer[command] = list(sentences(command, files, robot, folder / "case"))

@@ -109,7 +109,7 @@ def run_tasks(
         function(task)
 
     waiting = list(tasks)
-    running: list[Running] = []
+    running = []
     try:
         while waiting or running:
             while waiting and len(running) < jobs:
@@ -205,7 +205,7 @@ class Wanted(NamedTuple):
 def diagnosed(wanted: Wanted) -> dict[str, Any]:
     """Diagnose a case: ``status``, ``document`` or ``error``, ``seconds``, ``cpu_seconds`` and ``peak_mb``."""
     started, cpu = time.monotonic(), time.process_time()
-    result: dict[str, Any] = {"case": wanted.case.name, "status": "done"}
+    result = {"case": wanted.case.name, "status": "done"}
     try:
         case, reference = load_case(wanted.case, any_unit=True), wanted.reference
         against = None if reference is None else load_case(reference)
@@ -325,7 +325,7 @@ def grouped(
     whole: Sequence[T] = (),
 ) -> Table:
     """A row for each value of a key, how many items have it and what is said of these; ``all`` of the whole at last."""
-    groups: dict[str, list[T]] = {}
+    groups = {}
     for item in items:
         groups.setdefault(key(item), []).append(item)
     named = [*sorted(groups.items()), *[("all", whole)] * bool(whole)]

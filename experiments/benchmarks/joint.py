@@ -148,7 +148,7 @@ def points(settings: Settings) -> list[Point]:
 def _compared(settings: Settings) -> list[Row]:
     fits = _fits(settings)
     seconds = SHORT if settings.quick else SECONDS
-    runs: dict[str, list[Mapping[str, Any]]] = {name: [] for name in fits}
+    runs = {name: [] for name in fits}
     with threadpool_limits(1):
         for seed in range(settings.rounds):
             recording = recorded(seconds, np.random.default_rng(seed))
@@ -166,7 +166,7 @@ def _fits(settings: Settings) -> dict[str, Fit]:
     """What is compared; ``mujoco.sysid`` last, as far as it can be installed."""
     settings.out.mkdir(parents=True, exist_ok=True)
     arm = load_nominal_arm(write_urdf(settings.out / "pendulum.urdf"), sheet=SHEET)
-    fits: dict[str, Fit] = {
+    fits = {
         f"Gapscope, {estimator}": partial(_ours, arm, estimator) for estimator in OURS
     }
     python = install(settings.out.parent / "sysid", SYSID)
@@ -207,7 +207,7 @@ def _theirs(python: Path, file: Path, kind: str, joint: OneJoint) -> Mapping[str
 
 def _accuracy(runs: list[Mapping[str, Any]]) -> dict[str, float | str]:
     """Median errors in percent, the median half width of the intervals, and how many of them hold the truth."""
-    found: dict[str, float | str] = {}
+    found = {}
     held = 0
     for name, truth in TRUTH.items():
         errors = np.array([abs(run["values"][name] - truth) for run in runs])

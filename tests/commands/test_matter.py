@@ -31,7 +31,7 @@ def model(tmp_path: Path) -> Path:
 
 def ranked(file: Path) -> dict[str, Any]:
     """The document of a file, valid by its schema."""
-    content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    content = json.loads(file.read_text(encoding="utf-8"))
     Draft202012Validator(schema("matter")).validate(content)
     return content
 

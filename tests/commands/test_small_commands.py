@@ -51,7 +51,7 @@ def test_nothing_open_is_said_and_nothing_written(
 
 def check_against_schema(file: Path) -> dict[str, Any]:
     """The document in a file, valid by the schema that comes with the package."""
-    content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    content = json.loads(file.read_text(encoding="utf-8"))
     Draft202012Validator(schema("agreement")).validate(content)
     return content
 
