@@ -525,11 +525,16 @@ Shares = list[tuple[str, dict[str, float]]]
 
 def main() -> None:
     """Run, print and write the tables."""
-    parser = command_line(__doc__, runs=100, consistent=20, simulating=0, seed=1)
-    parser.add_argument("--arms", nargs="+", choices=ARMS, default=ARMS)
-    parser.add_argument("--forms", type=int, default=0, help="draws of each arm")
-    parser.add_argument("--out", type=Path, default=None)
-    options = parser.parse_args()
+    options = command_line(
+        __doc__,
+        runs=100,
+        consistent=20,
+        simulating=0,
+        seed=1,
+        arms={"nargs": "+", "choices": ARMS, "default": ARMS},
+        forms=(0, "draws of each arm"),
+        out=Path,
+    ).parse_args()
     if options.forms:
         form_coverage(options.forms, options.out)
         return

@@ -139,9 +139,9 @@ def show_pairs(pairs: list[dict[str, Any]]) -> None:
 
 def main() -> None:
     """Make and diagnose pairs until the time is up."""
-    parser = command_line(__doc__, seconds=720.0, robots="small", seed=1)
-    parser.add_argument("--out", type=Path)
-    arguments = parser.parse_args()
+    arguments = command_line(
+        __doc__, seconds=720.0, robots="small", seed=1, out=Path
+    ).parse_args()
     robots = arguments.robots.split(",")
     rows = []
     end, k = time.perf_counter() + arguments.seconds, 0

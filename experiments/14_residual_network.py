@@ -264,8 +264,9 @@ def _row(own: Sequence[dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     """Study each problem that is not there yet, and print the tables."""
-    parser = command_line(__doc__, out=Path("out/residual"), table=False, only=str)
-    arguments = parser.parse_args()
+    arguments = command_line(
+        __doc__, out=Path("out/residual"), table=False, only=str
+    ).parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     found = {}
     for name, make in problems(arguments.out).items():

@@ -239,15 +239,14 @@ def model_row(model: str, found: list[Any]) -> list[str]:
 
 def models() -> None:
     """Work through the cells, then print the tables."""
-    parser = command_line(
+    arguments = command_line(
         models.__doc__,
         robots="iiwa,panda",
         seeds=3,
         severity=1.5,
         out=Path("out/feedforward"),
         table=False,
-    )
-    arguments = parser.parse_args()
+    ).parse_args()
     warnings.simplefilter("ignore")
     cells = {}
     for robot, seed in product(arguments.robots.split(","), range(arguments.seeds)):
@@ -560,15 +559,14 @@ def draw_bandwidths(cells: dict[tuple[int, str], Any], path: Path) -> None:
 
 def other_simulator() -> None:
     """Work through the cells, then print the tables and draw the picture."""
-    parser = command_line(
+    arguments = command_line(
         other_simulator.__doc__,
         arms="0,1,2",
         steps=20480,
         out=Path("out/other_simulator"),
         table=False,
         picture=Path,
-    )
-    arguments = parser.parse_args()
+    ).parse_args()
     warnings.simplefilter("ignore")
     numbers = [int(number) for number in arguments.arms.split(",")]
     arms = {}

@@ -260,11 +260,11 @@ def symbolic(states: int) -> None:
 
 def main() -> None:
     """Print both tables."""
-    parser = command_line(__doc__)
-    parser.add_argument(
-        "--states", type=int, default=300, help="random states of each arm"
+    states = (
+        command_line(__doc__, states=(300, "random states of each arm"))
+        .parse_args()
+        .states
     )
-    states = parser.parse_args().states
     counts()
     symbolic(states)
 

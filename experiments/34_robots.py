@@ -163,9 +163,12 @@ def as_table(rows: list[dict[str, Any]]) -> str:
 
 def files_part() -> None:
     """Compute the missing rows and print the table."""
-    parser = command_line(files_part.__doc__, out=Path("out/robots"), only=str)
-    parser.add_argument("--folder", type=Path, required=True)
-    args = parser.parse_args()
+    args = command_line(
+        files_part.__doc__,
+        out=Path("out/robots"),
+        only=str,
+        folder={"type": Path, "required": True},
+    ).parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     files = robot_files(args.folder, args.only)
     names = Counter(file.name for file in files)
@@ -293,10 +296,13 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 def effects_part() -> None:
     """Do what is missing, list what is not exact, and print the table."""
-    parser = command_line(effects_part.__doc__, out=Path("out/many_arms"), per_arm=4)
-    parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--only", help="files whose name has this")
-    args = parser.parse_args()
+    args = command_line(
+        effects_part.__doc__,
+        out=Path("out/many_arms"),
+        per_arm=4,
+        folder={"type": Path, "required": True},
+        only=(str, "files whose name has this"),
+    ).parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     every = tasks(args.folder, args.per_arm, args.only)
     files = {

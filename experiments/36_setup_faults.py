@@ -261,9 +261,11 @@ def _ratio(label: str, answers: list[dict[str, Any]]) -> str:
 
 def torque_column() -> None:
     """Ask each question that has no answer yet, and write the tables."""
-    parser = command_line(torque_column.__doc__, out=Path("out/torque_column"))
-    parser.add_argument("--only", choices=("real", "generated"))
-    options = parser.parse_args()
+    options = command_line(
+        torque_column.__doc__,
+        out=Path("out/torque_column"),
+        only={"choices": ("real", "generated")},
+    ).parse_args()
     out, answers = options.out, []
     sources = {"real": real_cases, "generated": generated_cases}
     chosen = [x for name, x in sources.items() if options.only in (None, name)]
@@ -523,9 +525,11 @@ def outcome(fault: str, found: str) -> str:
 
 def references() -> None:
     """Print each result and the counts by fault; write them as a table."""
-    parser = command_line(references.__doc__, out=Path("out/reference_faults"))
-    parser.add_argument("--part", choices=REFERENCE_PARTS, action="append")
-    options = parser.parse_args()
+    options = command_line(
+        references.__doc__,
+        out=Path("out/reference_faults"),
+        part={"choices": REFERENCE_PARTS, "action": "append"},
+    ).parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     for part in options.part or REFERENCE_PARTS:
         rows = []

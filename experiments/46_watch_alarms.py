@@ -423,12 +423,15 @@ def table_of_changes(rows: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Run the parts that are asked for, and print their tables."""
-    parser = command_line(
-        __doc__, out=Path("out/watch"), parts="healthy,real", arms=12, jobs=1
-    )
-    parser.add_argument("--hours", type=float, default=4.0, help="of each arm")
-    parser.add_argument("--seed", type=int, default=0, help="of the first arm")
-    options = parser.parse_args()
+    options = command_line(
+        __doc__,
+        out=Path("out/watch"),
+        parts="healthy,real",
+        arms=12,
+        jobs=1,
+        hours=(4.0, "of each arm"),
+        seed=(0, "of the first arm"),
+    ).parse_args()
     out, hours, parts = options.out, options.hours, options.parts.split(",")
     threadpool_limits(1)
     members = {

@@ -342,9 +342,9 @@ def tables(rows: Sequence[tuple[Plan, dict[str, Any]]], out: Path) -> list[Table
 
 def main() -> None:
     """Make, diagnose, score."""
-    parser = study_options(__doc__, out=Path("out/coverage"), seed=1)
-    parser.add_argument("--rounds", type=int, default=1, help="of simulated cases")
-    arguments = parser.parse_args()
+    arguments = study_options(
+        __doc__, out=Path("out/coverage"), seed=1, rounds=(1, "of simulated cases")
+    ).parse_args()
     out = arguments.out
     plans = [*planned_simulated(arguments.rounds), *planned_carried()]
     truths = {out / "truth" / f"{plan.name}.json": plan for plan in plans}

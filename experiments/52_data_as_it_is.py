@@ -444,11 +444,13 @@ def line(damage: Damage, count: int, own: list[list[bool]]) -> str:
 
 def main() -> None:
     """Make, damage, diagnose, score."""
-    parser = command_line(__doc__, cases=30)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--only", nargs="*", choices=[d.name for d in DAMAGES])
-    parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=ROBOTS)
-    options = parser.parse_args()
+    options = command_line(
+        __doc__,
+        "out",
+        cases=30,
+        only={"nargs": "*", "choices": [d.name for d in DAMAGES]},
+        robots={"nargs": "*", "choices": ROBOTS, "default": ROBOTS},
+    ).parse_args()
     print(HEAD, "|---" * 8 + "|", sep="\n")
     clean = {}
     for damage in DAMAGES:

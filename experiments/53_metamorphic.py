@@ -343,12 +343,13 @@ def _holds(difference: Difference, relation: Relation) -> bool:
 
 if __name__ == "__main__":
     names = [relation.name for relation in RELATIONS]
-    parser = command_line(__doc__)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--relation", action="append", choices=names)
-    parser.add_argument("--case", action="append", type=int, choices=range(len(CASES)))
-    parser.add_argument("--bitwise", action="store_true", help="repeat commands")
-    asked = parser.parse_args()
+    asked = command_line(
+        __doc__,
+        "out",
+        relation={"action": "append", "choices": names},
+        case={"action": "append", "type": int, "choices": range(len(CASES))},
+        bitwise=(False, "repeat commands"),
+    ).parse_args()
     if asked.bitwise:
         (asked.out / "cases").mkdir(parents=True, exist_ok=True)
         for case in BITWISE:

@@ -345,10 +345,9 @@ def _figures(several: Sequence[Judged]) -> tuple[str, ...]:
 
 def main() -> None:
     """Make, run and score."""
-    parser = study_options(
+    arguments = study_options(
         __doc__, out=Path("out/states"), rows=",".join(ROWS), draws=6, seed=1
-    )
-    arguments = parser.parse_args()
+    ).parse_args()
     out = arguments.out
     cases = list(itertools.product(arguments.rows.split(","), range(arguments.draws)))
     tasks = [Task(row, draw, mode) for row, draw in cases for mode in ROWS[row].modes]

@@ -244,8 +244,9 @@ def main() -> None:
     """Ask all commands of all logs, and print the table."""
     arms, logs = "generated,ur10,emps", ",".join(log.name for log in LOGS)
     folder = Path("out/strangers")
-    parser = command_line(__doc__, out=folder, arms=arms, logs=logs, limit=1200.0)
-    arguments = parser.parse_args()
+    arguments = command_line(
+        __doc__, out=folder, arms=arms, logs=logs, limit=1200.0
+    ).parse_args()
     out, chosen = arguments.out, [SOUND.name, *arguments.logs.split(",")]
     tasks = {
         out / "said" / f"{arm}, {log.name}.json": (arm, log, out)
