@@ -60,11 +60,6 @@ class OneJoint(NamedTuple):
     q: np.ndarray
     tau: np.ndarray
 
-    @property
-    def columns(self) -> Mapping[str, np.ndarray]:
-        """Its series by name."""
-        return vars(self)
-
 
 def recorded(seconds: float, rng: np.random.Generator) -> OneJoint:
     """A recording of a random motion."""
@@ -180,7 +175,7 @@ def _fits(settings: Settings) -> dict[str, Fit]:
 
 
 def _ours(arm: NominalArm, estimator: str, joint: OneJoint) -> Mapping[str, Any]:
-    series = {name: column[:, None] for name, column in joint.columns.items()}
+    series = {name: column[:, None] for name, column in joint._asdict().items()}
     t = series.pop("t")[:, 0]
     gains = {"kp": np.array([KP]), "kd": np.array([KD])}
     controller = PD(rate=RATE, feedforward="none", **gains)
@@ -201,7 +196,7 @@ def _ours(arm: NominalArm, estimator: str, joint: OneJoint) -> Mapping[str, Any]
 
 def _theirs(python: Path, file: Path, kind: str, joint: OneJoint) -> Mapping[str, Any]:
     known = {"mass": MASS, "lever": LEVER, "across": LINK_INERTIA}
-    np.savez(file, **joint.columns, **known)
+    np.savez(file, **joint._asdict(), **known)
     return run_child("sysid_joint.py", file, kind, python=python)
 
 
