@@ -61,12 +61,9 @@ def predicted(case: Path, out: Path, model: Path | None) -> np.ndarray:
 
 def main() -> None:
     """Run all cases and print a table."""
-    parser = command_line(
-        __doc__,
-        data=DATA,
-        out=Path("out/sample_cases"),
-    )
-    arguments = parser.parse_args()
+    arguments = command_line(
+        __doc__, data=DATA, out=Path("out/sample_cases")
+    ).parse_args()
     folder = arguments.data / "sample_cases"
     labels = json.loads((folder / "labels.json").read_text(encoding="utf-8"))
     print(f"{'case':8} {'verdict':13} {'closed':>7} {'time':>6}  found | label")

@@ -39,8 +39,7 @@ def tx40_parameters(case: Case, found: Diagnosis) -> None:
 
 def main() -> None:
     """Diagnose each real arm and print what was found."""
-    parser = command_line(__doc__, out=Path("out/real_arms"))
-    out = parser.parse_args().out
+    out = command_line(__doc__, out=Path("out/real_arms")).parse_args().out
     for path in sorted(CASES.glob("*.yaml")):
         try:
             case = load_case(path)

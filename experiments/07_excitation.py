@@ -18,7 +18,6 @@ by gradients.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 import numpy as np
 from common import command_line, markdown
@@ -101,7 +100,7 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
     """Print what is optimal by each criterion, for each kind of trajectory: median over the seeds, least and most."""
     body = RigidBody(arm)
     model = ExcitationModel(arm, body, JOINT_COLUMNS)
-    measures: tuple[Callable[[float], float], ...] = (
+    measures = (
         float,
         *[lambda v: float(np.exp(-v))] * 2,
         float,
@@ -145,27 +144,18 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
 
 def main() -> None:
     """Print the tables."""
-    parser = command_line(__doc__, robot="kuka_iiwa")
-    parser.add_argument("--seeds", type=int, default=3, help="searches of each sort")
-    parser.add_argument(
-        "--feasible",
-        type=int,
-        default=1000,
-        help="random trajectories that keep all limits",
-    )
-    parser.add_argument(
-        "--evaluations",
-        type=int,
-        default=1000,
-        help="of each search in the table of criteria",
-    )
-    parser.add_argument(
-        "--tables",
-        nargs="+",
-        choices=("optimisers", "criteria"),
-        default=("optimisers", "criteria"),
-    )
-    given = parser.parse_args()
+    given = command_line(
+        __doc__,
+        robot="kuka_iiwa",
+        seeds=(3, "searches of each sort"),
+        feasible=(1000, "random trajectories that keep all limits"),
+        evaluations=(1000, "of each search in the table of criteria"),
+        tables={
+            "nargs": "+",
+            "choices": ("optimisers", "criteria"),
+            "default": ("optimisers", "criteria"),
+        },
+    ).parse_args()
     arm = load_nominal_arm(given.robot)
     if "optimisers" in given.tables:
         optimisers(arm, given.seeds, given.feasible)

@@ -233,7 +233,7 @@ def simulated(effects: tuple[AppliedEffect, ...] = (), dry: bool = False) -> Wor
 # Arms that pinocchio alone moves: bodies off the model's, friction of another form than any law of the model.
 
 
-FORM_ARMS: dict[str, str | Path] = {
+FORM_ARMS = {
     "kuka_iiwa": "kuka_iiwa",
     "franka_panda": "franka_panda",
     "xarm6": "xarm6",
@@ -242,7 +242,7 @@ FORM_ARMS: dict[str, str | Path] = {
     "kuka_med7": DATA / "kuka_med7/med7dock.urdf",
 }
 Form = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-FORMS: dict[str, Form] = {
+FORMS = {
     "sharp Coulomb": lambda v, q, c, b: c * np.sign(v) + b * v,
     "Stribeck": lambda v, q, c, b: (
         c * (1 + 0.5 * np.exp(-((v / 0.08) ** 2))) * np.sign(v) + b * v
@@ -333,7 +333,7 @@ def form_truth(
 
 def form_coverage(draws: int, path: Path | None) -> None:
     """Print shares of parameters within their 95 % intervals, per form and noise, bodies and friction apart."""
-    hits: dict[tuple[str, float], list[np.ndarray]] = {}
+    hits = {}
     drawn = [(name, k) for name in FORM_ARMS for k in range(draws)]
     for name, seed in track(drawn, "arms", console=Console(stderr=True)):
         rng = np.random.default_rng(seed)
@@ -384,7 +384,7 @@ ARMS = (PLAIN, DRY, LACKING)
 HEAD = ["estimator", "runs", *(f"noise {level:.0%}" for level in LEVELS)]
 
 Made = Callable[[World], Estimator]
-BASE: dict[str, Made] = {
+BASE = {
     "OLS": lambda world: ordinary_least_squares,
     "WLS": lambda world: weighted_least_squares,
     "IRLS, Huber": lambda world: huber,
@@ -409,7 +409,7 @@ def possible(world: World, bodies: Bodies) -> Estimator:
     return partial(possible_arm, prior=world.prior, base=world.base, bodies=bodies)
 
 
-STANDARD: dict[str, Made] = {
+STANDARD = {
     "SDP, Euclidean pull": lambda world: possible(world, semidefinite),
     "SDP, entropic pull": lambda world: possible(
         world, partial(semidefinite, entropic=True)
@@ -419,7 +419,7 @@ STANDARD: dict[str, Made] = {
 """Estimators of bodies that can exist, ``--consistent`` runs each."""
 
 
-SIMULATING: dict[str, Callable[[Experiment], Estimator]] = {
+SIMULATING = {
     "WLS, same draws": lambda experiment: weighted_least_squares,
     "IDIM-IV": lambda experiment: partial(
         instrumental_variables, experiment=experiment
@@ -442,7 +442,7 @@ def comparison(
     label: str, world: World, counts: Counts, rng: np.random.Generator, seed: list[int]
 ) -> str:
     """What the estimators make of one world, a column per noise level; ``seed`` is that of those that simulate."""
-    found: dict[tuple[str, float], list[np.ndarray]] = {}
+    found = {}
 
     def estimated(
         level: float, estimators: Mapping[str, Estimator], problem: Problem
@@ -494,7 +494,7 @@ def coverage(
 ) -> dict[str, float]:
     """Share of parameters, and of samples of predicted torque, within their 95 % intervals; share of runs warned."""
     judged = world.reduced(world.problem(world.judge))
-    hits: dict[str, list[float]] = {}
+    hits = {}
     for _ in range(runs):
         problem = world.reduced(world.problem(world.noisy(level, rng)))
         estimator = weighted_least_squares
@@ -525,17 +525,22 @@ Shares = list[tuple[str, dict[str, float]]]
 
 def main() -> None:
     """Run, print and write the tables."""
-    parser = command_line(__doc__, runs=100, consistent=20, simulating=0, seed=1)
-    parser.add_argument("--arms", nargs="+", choices=ARMS, default=ARMS)
-    parser.add_argument("--forms", type=int, default=0, help="draws of each arm")
-    parser.add_argument("--out", type=Path, default=None)
-    options = parser.parse_args()
+    options = command_line(
+        __doc__,
+        runs=100,
+        consistent=20,
+        simulating=0,
+        seed=1,
+        arms={"nargs": "+", "choices": ARMS, "default": ARMS},
+        forms=(0, "draws of each arm"),
+        out=Path,
+    ).parse_args()
     if options.forms:
         form_coverage(options.forms, options.out)
         return
     counts = Counts(options.runs, options.consistent, options.simulating)
-    texts: list[str] = []
-    shares: Shares = []
+    texts = []
+    shares = []
     for place, arm in enumerate(options.arms):
         rng = np.random.default_rng([options.seed, ARMS.index(arm)])
         if arm == LACKING:

@@ -74,8 +74,7 @@ def table(
 
 def main() -> None:
     """Run both and print the tables."""
-    parser = command_line(__doc__, out=Path("out/tx40"))
-    out = parser.parse_args().out
+    out = command_line(__doc__, out=Path("out/tx40")).parse_args().out
     out.mkdir(parents=True, exist_ok=True)
     python = install(out / "figaroh")
     if python is None:

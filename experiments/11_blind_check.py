@@ -39,20 +39,18 @@ SMALL = BlindPlan(singles=24, pairs=6, triples=3, outside=6, healthy=8, ladder=6
 
 def main() -> None:
     """Do what the arguments say."""
-    parser = command_line(
-        __doc__, out=Path("out/blind"), full=False, jobs=1, laws=False, plan=Path
-    )
-    parser.add_argument(
-        "--seed", type=int, help="draw the same again; default: a secret one"
-    )
-    parser.add_argument(
-        "--labels", type=Path, help="folder of the labels; default: OUT/vault/labels"
-    )
-    parser.add_argument("--training", type=int, default=0, metavar="N")
-    parser.add_argument(
-        "--step", choices=["make", "run", "score", "all"], default="all"
-    )
-    arguments = parser.parse_args()
+    arguments = command_line(
+        __doc__,
+        out=Path("out/blind"),
+        full=False,
+        jobs=1,
+        laws=False,
+        plan=Path,
+        seed=(int, "draw the same again; default: a secret one"),
+        labels=(Path, "folder of the labels; default: OUT/vault/labels"),
+        training={"type": int, "default": 0, "metavar": "N"},
+        step={"choices": ["make", "run", "score", "all"], "default": "all"},
+    ).parse_args()
     if arguments.laws:
         explained = {name: effect.equation for name, effect in CATALOGUE.items()}
         explained |= {name: fault.looks_like for name, fault in FAULTS.items()}

@@ -84,7 +84,7 @@ def judged(robot: str, loaded: bool, seed: tuple[int, ...]) -> dict[str, Any]:
         change = diagnose_change(load_case(folder / "case"), reference, folder)
         document = change.diagnosis.document
     found = {effect["effect"]: effect["parameters"] for effect in document["effects"]}
-    out: dict[str, Any] = {
+    out = {
         "robot": robot,
         "seed": list(seed),
         "loaded": loaded,
@@ -139,11 +139,11 @@ def show_pairs(pairs: list[dict[str, Any]]) -> None:
 
 def main() -> None:
     """Make and diagnose pairs until the time is up."""
-    parser = command_line(__doc__, seconds=720.0, robots="small", seed=1)
-    parser.add_argument("--out", type=Path)
-    arguments = parser.parse_args()
+    arguments = command_line(
+        __doc__, seconds=720.0, robots="small", seed=1, out=Path
+    ).parse_args()
     robots = arguments.robots.split(",")
-    rows: list[dict[str, Any]] = []
+    rows = []
     end, k = time.perf_counter() + arguments.seconds, 0
     while time.perf_counter() < end:
         seed = (arguments.seed, k)

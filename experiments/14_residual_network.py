@@ -217,7 +217,7 @@ WAYS = [f"{what}_{apart}" for apart in APART for what in (ADDITIVE, "mlp", "tree
 
 def table(found: dict[str, dict[str, Any]]) -> str:
     """What each leaves of each joint."""
-    rows: list[list[str]] = []
+    rows = []
     for name, one in found.items():
         for key in ("nothing", "network", *WAYS):
             cells = [f"{x:.3g}" for x in one[key]]
@@ -264,8 +264,9 @@ def _row(own: Sequence[dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     """Study each problem that is not there yet, and print the tables."""
-    parser = command_line(__doc__, out=Path("out/residual"), table=False, only=str)
-    arguments = parser.parse_args()
+    arguments = command_line(
+        __doc__, out=Path("out/residual"), table=False, only=str
+    ).parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     found = {}
     for name, make in problems(arguments.out).items():

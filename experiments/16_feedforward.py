@@ -35,7 +35,7 @@ round acts there.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from math import inf, sqrt
@@ -101,7 +101,7 @@ def panda() -> NominalArm:
     )
 
 
-ROBOTS: dict[str, Callable[[], NominalArm]] = {"iiwa": iiwa, "panda": panda}
+ROBOTS = {"iiwa": iiwa, "panda": panda}
 MODELS = {
     "pd": "pd",
     "gravity": "gravity",
@@ -239,17 +239,16 @@ def model_row(model: str, found: list[Any]) -> list[str]:
 
 def models() -> None:
     """Work through the cells, then print the tables."""
-    parser = command_line(
+    arguments = command_line(
         models.__doc__,
         robots="iiwa,panda",
         seeds=3,
         severity=1.5,
         out=Path("out/feedforward"),
         table=False,
-    )
-    arguments = parser.parse_args()
+    ).parse_args()
     warnings.simplefilter("ignore")
-    cells: Cells = {}
+    cells = {}
     for robot, seed in product(arguments.robots.split(","), range(arguments.seeds)):
         folder = arguments.out / robot / str(seed)
         if not arguments.table:
@@ -275,7 +274,7 @@ OFF_POLICY = ("pd", "nominal", "corrected")
 """Models on top of which SAC and TD3 are trained; without `pd` there would be nothing to compare them with."""
 GAINS = "gains"
 """PPO as `gapscope train` ships it: it changes gains, on arms with effects drawn around the model."""
-AS_THEN: dict[str, Any] = {"randomise": (), "count": (1, 3), "severity": (0.5, 1.5)}
+AS_THEN = {"randomise": (), "count": (1, 3), "severity": (0.5, 1.5)}
 """Of the table's agents nothing was drawn around the model unless said."""
 LIMIT = 1e6
 """Longest processor time of an agent [s]."""
@@ -321,7 +320,7 @@ def tried(
     scores = episodes(env, policy or idle(env), motions)
     env.close()
     names = [name for name, _ in motions]
-    found: list[dict[str, Any]] = plain(scores, null_if_not_finite=True)
+    found = plain(scores, null_if_not_finite=True)
     return [{"motion": n, **s} for n, s in zip(names, found, strict=True)]
 
 
@@ -560,19 +559,18 @@ def draw_bandwidths(cells: dict[tuple[int, str], Any], path: Path) -> None:
 
 def other_simulator() -> None:
     """Work through the cells, then print the tables and draw the picture."""
-    parser = command_line(
+    arguments = command_line(
         other_simulator.__doc__,
         arms="0,1,2",
         steps=20480,
         out=Path("out/other_simulator"),
         table=False,
         picture=Path,
-    )
-    arguments = parser.parse_args()
+    ).parse_args()
     warnings.simplefilter("ignore")
     numbers = [int(number) for number in arguments.arms.split(",")]
-    arms: dict[int, GeneratorArm] = {}
-    cells: dict[tuple[int, str], Any] = {}
+    arms = {}
+    cells = {}
     # models first: training agents takes longest
     for name, number in product(all_fed(), numbers):
         here = arguments.out / str(number)

@@ -99,7 +99,7 @@ def symbolic_regressor(arm: NominalArm) -> SymbolicRegressor:
     )
     description = read_description(arm.urdf, shapes=False)
     joints = {joint.name: joint for joint in description.joints}
-    columns: list[sp.Matrix] = []
+    columns = []
     for name in arm.joints:
         chain = [*description.upwards(joints[name].child)][::-1]
         for kinetic, potential in _energies(arm, chain, q, dq):
@@ -260,11 +260,11 @@ def symbolic(states: int) -> None:
 
 def main() -> None:
     """Print both tables."""
-    parser = command_line(__doc__)
-    parser.add_argument(
-        "--states", type=int, default=300, help="random states of each arm"
+    states = (
+        command_line(__doc__, states=(300, "random states of each arm"))
+        .parse_args()
+        .states
     )
-    states = parser.parse_args().states
     counts()
     symbolic(states)
 

@@ -21,7 +21,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -63,10 +62,9 @@ POINTS = 240
 
 def readme() -> None:
     """Diagnose the recording unless that is done, draw the pictures."""
-    options = command_line(
+    chosen = command_line(
         readme.__doc__, out=Path("docs/pictures"), work=Path("out/pictures")
-    )
-    chosen = options.parse_args()
+    ).parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
     chosen.work.mkdir(parents=True, exist_ok=True)
     if not (chosen.work / "diagnosis.json").is_file():
@@ -302,8 +300,11 @@ AXES = {
 
 def signatures() -> None:
     """Draw one picture for each family."""
-    options = command_line(signatures.__doc__, out=Path("docs/pictures/signatures"))
-    out = options.parse_args().out
+    out = (
+        command_line(signatures.__doc__, out=Path("docs/pictures/signatures"))
+        .parse_args()
+        .out
+    )
     out.mkdir(parents=True, exist_ok=True)
     arm = iiwa()
     families = dict.fromkeys(CATALOGUE[panel.effect].family for panel in PANELS)
@@ -399,7 +400,7 @@ def sweep(n_joints: int) -> Motion:
     return Motion(t, POSTURE + columns[0], columns[1], columns[2])
 
 
-MOTIONS: dict[str, Callable[[int], Motion]] = {
+MOTIONS = {
     "slow and fast": slow_and_fast,
     "sweep": sweep,
 }

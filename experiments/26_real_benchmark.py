@@ -345,7 +345,7 @@ def score(rows: Sequence[tuple[Planned, dict[str, Any]]], out: Path) -> Sequence
 
 def main() -> None:
     """Do what the arguments say."""
-    parser = study_options(
+    arguments = study_options(
         __doc__,
         "check",
         jobs=2,
@@ -354,11 +354,8 @@ def main() -> None:
         modes=",".join(MODES),
         sizes=",".join(f"{s:g}" for s in SIZES),
         seed=1,
-    )
-    parser.add_argument(
-        "--per-arm", type=int, default=PER_ARM, help="cases per arm and mode"
-    )
-    arguments = parser.parse_args()
+        per_arm=(PER_ARM, "cases per arm and mode"),
+    ).parse_args()
     arms, modes = arguments.arms.split(","), arguments.modes.split(",")
     unknown = {*arms, *modes} - {*ARMS, *MODES}
     if unknown:

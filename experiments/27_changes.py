@@ -315,15 +315,17 @@ def row(name: str, own: Sequence[Outcome]) -> list[object]:
 
 def main() -> None:
     """Run what is not there yet, and print the tables."""
-    parser = command_line(__doc__, no_real=False, out=Path("out/changes"), jobs=1)
-    parser.add_argument("--arms", type=int, default=14, help="of the generator")
-    parser.add_argument("--first", type=int, default=0, help="number of the first arm")
-    parser.add_argument("--healthy", action="store_true", help="without change alone")
-    parser.add_argument("--table", action="store_true", help="of what is there")
-    parser.add_argument(
-        "--limit", type=float, default=600.0, help="processor time of a case [s]"
-    )
-    options = parser.parse_args()
+    options = command_line(
+        __doc__,
+        no_real=False,
+        out=Path("out/changes"),
+        jobs=1,
+        arms=(14, "of the generator"),
+        first=(0, "number of the first arm"),
+        healthy=(False, "without change alone"),
+        table=(False, "of what is there"),
+        limit=(600.0, "processor time of a case [s]"),
+    ).parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     seeds = range(options.first, options.first + options.arms)
     looks = dict(generated(seeds, options))

@@ -157,12 +157,14 @@ def score(form: Format, folder: Path, motion: writers.Motion) -> list[str]:
 
 def main() -> None:
     """Write, read and diagnose every format."""
-    parser = command_line(__doc__, out=Path("out/formats"))
-    parser.add_argument("--lerobot", default="", help="Python with lerobot")
-    parser.add_argument("--mcap", default="", help="Python with mcap-ros2-support")
-    parser.add_argument("--only", default="", help="formats whose name holds this text")
-    options = parser.parse_args()
-    out: Path = options.out
+    options = command_line(
+        __doc__,
+        out=Path("out/formats"),
+        lerobot=("", "Python with lerobot"),
+        mcap=("", "Python with mcap-ros2-support"),
+        only=("", "formats whose name holds this text"),
+    ).parse_args()
+    out = options.out
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     (out / "effects.yaml").write_text(yaml.safe_dump(EFFECTS))

@@ -30,7 +30,7 @@ from __future__ import annotations
 import warnings
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -116,7 +116,7 @@ def diagnosed_file(arm: NominalArm, joint: int | None, notes: dict[str, Any]) ->
 
 def row(file: Path) -> dict[str, Any]:
     """How far a robot gets, and the message where it stops."""
-    out: dict[str, Any] = {"robot": file.stem}
+    out = {"robot": file.stem}
     try:
         arm = arm_of(file)
         out |= {"joints": arm.n_joints, "slides": sum(arm.sliding), "loads": "yes"}
@@ -124,7 +124,7 @@ def row(file: Path) -> dict[str, Any]:
         return {**out, "loads": _short(error, file)}
     middle, rng = arm.n_joints // 2 + 1, np.random.default_rng(0)
     bodies = Regressor(arm, quantities=())
-    steps: dict[str, Callable[[], str]] = {
+    steps = {
         "base": lambda: str(structural_base(bodies, rng).count),
         "healthy": lambda: diagnosed_file(arm, None, out),
         "found": lambda: diagnosed_file(arm, middle, out),
@@ -144,7 +144,7 @@ def _short(error: GapscopeError, file: Path) -> str:
 def as_table(rows: list[dict[str, Any]]) -> str:
     """The table as Markdown; messages stand below it."""
     head = ("robot", "joints", "slides", *STEPS)
-    messages: dict[str, list[str]] = {}
+    messages = {}
     table = []
     for each in rows:
         cells = []
@@ -163,9 +163,12 @@ def as_table(rows: list[dict[str, Any]]) -> str:
 
 def files_part() -> None:
     """Compute the missing rows and print the table."""
-    parser = command_line(files_part.__doc__, out=Path("out/robots"), only=str)
-    parser.add_argument("--folder", type=Path, required=True)
-    args = parser.parse_args()
+    args = command_line(
+        files_part.__doc__,
+        out=Path("out/robots"),
+        only=str,
+        folder={"type": Path, "required": True},
+    ).parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     files = robot_files(args.folder, args.only)
     names = Counter(file.name for file in files)
@@ -215,7 +218,7 @@ class Task(NamedTuple):
 
 def load(file: Path, free: tuple[int, ...]) -> NominalArm:
     """The arm of a file, or that with some joints free alone."""
-    arm: NominalArm = arm_of(file)
+    arm = arm_of(file)
     if not free:
         return arm
     kept = [arm.joints[j - 1] for j in free]
@@ -234,7 +237,7 @@ def tasks(folder: Path, per_arm: int, only: str | None) -> Iterator[Task]:
             print(f"{file.stem}: {error.message.splitlines()[0]}", flush=True)
             continue
         rng = np.random.default_rng(zlib.crc32(file.stem.encode()))
-        variants: list[tuple[int, ...]] = [()]
+        variants = [()]
         if n >= MIN_JOINTS:
             some = rng.choice(n, int(rng.integers(2, 4)), replace=False) + 1
             variants.append(tuple(sorted(some.tolist())))
@@ -248,7 +251,7 @@ def tasks(folder: Path, per_arm: int, only: str | None) -> Iterator[Task]:
 
 def diagnosed(task: Task) -> dict[str, Any]:
     """Record and diagnose; what came of it."""
-    row: dict[str, Any] = {"arm": task.arm, "effect": task.effect}
+    row = {"arm": task.arm, "effect": task.effect}
     try:
         arm = load(task.file, task.free)
         rng = np.random.default_rng(zlib.crc32(f"{task.arm} {task.effect}".encode()))
@@ -293,10 +296,13 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 def effects_part() -> None:
     """Do what is missing, list what is not exact, and print the table."""
-    parser = command_line(effects_part.__doc__, out=Path("out/many_arms"), per_arm=4)
-    parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--only", help="files whose name has this")
-    args = parser.parse_args()
+    args = command_line(
+        effects_part.__doc__,
+        out=Path("out/many_arms"),
+        per_arm=4,
+        folder={"type": Path, "required": True},
+        only=(str, "files whose name has this"),
+    ).parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     every = tasks(args.folder, args.per_arm, args.only)
     files = {

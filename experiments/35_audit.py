@@ -128,10 +128,10 @@ def tried(description: Description) -> dict[str, tuple[int, int]]:
 
 def main() -> None:
     """Print a row for each model, and the sums."""
-    parser = command_line(__doc__)
-    parser.add_argument("--models", type=Path, help="folder with URDF files")
-    arguments = parser.parse_args()
-    sums: Counter[str] = Counter()
+    arguments = command_line(
+        __doc__, models=(Path, "folder with URDF files")
+    ).parse_args()
+    sums = Counter()
     faults = ("moments x 10", *SHIFTS)
     print(f"| model | shapes | as it is | {' | '.join(faults)} |")
     print("|---" * (3 + len(faults)) + "|")

@@ -30,7 +30,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -116,7 +116,7 @@ def without_gravity(case: Case, rng: np.random.Generator) -> Case:
     return replace(case, recordings=tuple(spoilt(r) for r in case.recordings))
 
 
-TORQUE_FAULTS: dict[str, Callable[[int], Fault]] = {
+TORQUE_FAULTS = {
     "gravity left out": lambda n: GravityCompensatedTorque(),
     "amperes, one constant": lambda n: TorqueUnit("current", factor=(10.0,)),
     "amperes, two sizes": lambda n: TorqueUnit("current", factor=(13.0,) * -(-n // 2) + (8.0,) * (n // 2)),
@@ -261,9 +261,11 @@ def _ratio(label: str, answers: list[dict[str, Any]]) -> str:
 
 def torque_column() -> None:
     """Ask each question that has no answer yet, and write the tables."""
-    parser = command_line(torque_column.__doc__, out=Path("out/torque_column"))
-    parser.add_argument("--only", choices=("real", "generated"))
-    options = parser.parse_args()
+    options = command_line(
+        torque_column.__doc__,
+        out=Path("out/torque_column"),
+        only={"choices": ("real", "generated")},
+    ).parse_args()
     out, answers = options.out, []
     sources = {"real": real_cases, "generated": generated_cases}
     chosen = [x for name, x in sources.items() if options.only in (None, name)]
@@ -283,7 +285,7 @@ def torque_column() -> None:
 def drawn() -> None:
     """Faults of the catalogue drawn and put into real recordings."""
     command_line(drawn.__doc__).parse_args()
-    counts: Counter[str] = Counter()
+    counts = Counter()
     with TemporaryDirectory() as folder:
         for name in REAL:
             case = load_carrier(name, Path(folder) / name)
@@ -349,7 +351,7 @@ def drawn_shift(rng: np.random.Generator, n: int) -> Fault:
     return ShiftedInertials(int(rng.choice([-1, 1])), bool(rng.integers(2)))
 
 
-DRAWS: dict[str, Callable[[np.random.Generator, int], Fault]] = {
+DRAWS = {
     "sign_flip": drawn_flip,
     "joint_swap": drawn_swap,
     "unit_mismatch": drawn_unit,
@@ -363,7 +365,7 @@ DRAWS: dict[str, Callable[[np.random.Generator, int], Fault]] = {
 
 # References, gains, zeros and gravity
 
-REFERENCE_FAULTS: dict[str, Fault] = {
+REFERENCE_FAULTS = {
     "velocity_of_reference": VelocityOfReference(),
     "ignored_velocity_reference": IgnoredVelocityReference(),
     "speed_scaling 0.5": SpeedScaling(0.5),
@@ -505,7 +507,7 @@ def _zeros(case: Case) -> str:
     return "; ".join(words) or "none"
 
 
-REFERENCE_PARTS: dict[str, Callable[..., Iterator[tuple[str, str, str, str]]]] = {
+REFERENCE_PARTS = {
     "references": references_part,
     "zeros": zeros_part,
 }
@@ -523,9 +525,11 @@ def outcome(fault: str, found: str) -> str:
 
 def references() -> None:
     """Print each result and the counts by fault; write them as a table."""
-    parser = command_line(references.__doc__, out=Path("out/reference_faults"))
-    parser.add_argument("--part", choices=REFERENCE_PARTS, action="append")
-    options = parser.parse_args()
+    options = command_line(
+        references.__doc__,
+        out=Path("out/reference_faults"),
+        part={"choices": REFERENCE_PARTS, "action": "append"},
+    ).parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     for part in options.part or REFERENCE_PARTS:
         rows = []
@@ -542,7 +546,7 @@ def references() -> None:
 
 # Control laws
 
-LAW_EFFECTS: dict[str, tuple[AppliedEffect, ...]] = {
+LAW_EFFECTS = {
     "healthy": (),
     "payload": (AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.08]}),),
     "coulomb_friction": (AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]}),),

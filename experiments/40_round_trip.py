@@ -306,12 +306,11 @@ def round_trip(
 
 def main() -> None:
     """Print the table."""
-    parser = command_line(
+    options = command_line(
         __doc__,
         effects=",".join(("none", "friction", *CATALOGUE)),
         out=Path("out/round_trip"),
-    )
-    options = parser.parse_args()
+    ).parse_args()
     # DART looks for no file below the current folder
     out = options.out.resolve()
     out.mkdir(parents=True, exist_ok=True)

@@ -209,8 +209,8 @@ def compare(simulator: str, out: Path) -> None:
 
 def definitions(source: Path) -> dict[str, set[str]]:
     """Names that a class or function of a source tree takes, fields of its bases included; overloads together."""
-    known: dict[str, set[str]] = {}
-    bases: dict[str, set[str]] = {}
+    known = {}
+    bases = {}
     for file in (*source.rglob("*.py"), *source.rglob("*.pyi")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.FunctionDef):

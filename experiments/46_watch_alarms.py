@@ -278,7 +278,7 @@ def healthy(seed: int, hours: float) -> dict[str, Any]:
 
 def judged(change: Change, events: list[Event]) -> dict[str, Any]:
     """What became of a change: the first alarm or misfit counts."""
-    row: dict[str, Any] = {"label": change.label, "outcome": "missed"}
+    row = {"label": change.label, "outcome": "missed"}
     if events:
         first = events[0]
         joints = [] if change.joint is None else [change.joint]
@@ -389,7 +389,7 @@ def per_day(count: int, hours: float) -> str:
 def table_of_alarms(found: list[dict[str, Any]]) -> str:
     """Table of false alarms."""
     head = ("arms", "hours", "alarms", "per 24 h (95 %)", "as", "misfits", "per 24 h")
-    groups: dict[str, list[dict[str, Any]]] = {"all": found}
+    groups = {"all": found}
     starts = {True: "started cold", False: "started warm"}
     for one in found:
         for label in (starts.get(one.get("cold")), one.get("noise"), one["robot"]):
@@ -423,12 +423,15 @@ def table_of_changes(rows: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Run the parts that are asked for, and print their tables."""
-    parser = command_line(
-        __doc__, out=Path("out/watch"), parts="healthy,real", arms=12, jobs=1
-    )
-    parser.add_argument("--hours", type=float, default=4.0, help="of each arm")
-    parser.add_argument("--seed", type=int, default=0, help="of the first arm")
-    options = parser.parse_args()
+    options = command_line(
+        __doc__,
+        out=Path("out/watch"),
+        parts="healthy,real",
+        arms=12,
+        jobs=1,
+        hours=(4.0, "of each arm"),
+        seed=(0, "of the first arm"),
+    ).parse_args()
     out, hours, parts = options.out, options.hours, options.parts.split(",")
     threadpool_limits(1)
     members = {

@@ -191,11 +191,14 @@ def row(part: str, file: Path) -> list[str]:
 
 def main() -> None:
     """Run the parts asked for, or read their files again, and print the table."""
-    parser = command_line(
-        __doc__, steps=1000000, diagnoses=10000, out=Path("out/long_run"), again=False
-    )
-    parser.add_argument("--part", nargs="+", choices=PARTS, default=PARTS)
-    given = parser.parse_args()
+    given = command_line(
+        __doc__,
+        steps=1_000_000,
+        diagnoses=10_000,
+        out=Path("out/long_run"),
+        again=False,
+        part={"nargs": "+", "choices": PARTS, "default": PARTS},
+    ).parse_args()
     files = {part: (given.out / f"{part}.csv").resolve() for part in given.part}
     for part in set(files) & set(ENGINES):
         if not installed(part):

@@ -235,10 +235,13 @@ ROOT = os.geteuid() == 0
 
 def arguments() -> argparse.Namespace:
     """Of the command line."""
-    parser = command_line(__doc__, kills=200, seed=0)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--only", action="append", choices=COMMANDS)
-    return parser.parse_args()
+    return command_line(
+        __doc__,
+        "out",
+        kills=200,
+        seed=0,
+        only={"action": "append", "choices": COMMANDS},
+    ).parse_args()
 
 
 def run(

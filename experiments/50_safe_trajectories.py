@@ -274,10 +274,9 @@ def _too_near(
 
 def main() -> None:
     """Run, go on, and count."""
-    parser = command_line(__doc__, arms=1000)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--number", type=int, help="one arm alone")
-    args = parser.parse_args()
+    args = command_line(
+        __doc__, "out", arms=1000, number=(int, "one arm alone")
+    ).parse_args()
     warnings.simplefilter("ignore")
     if args.number is not None:
         print(json.dumps(tried(args.number), indent=1))

@@ -324,8 +324,8 @@ def tables(rows: Sequence[tuple[Plan, dict[str, Any]]], out: Path) -> list[Table
     """The tables of the cases that have a result, simulated and real ones apart."""
     shown = []
     for name, kind in {"Simulated": Simulated, "Real": Carried}.items():
-        found: list[Value] = []
-        said: list[tuple[str, float, bool]] = []
+        found = []
+        said = []
         for plan, result in rows:
             if isinstance(plan, kind):
                 truth = read_json(out / "truth" / f"{plan.name}.json", "--step make")
@@ -342,11 +342,11 @@ def tables(rows: Sequence[tuple[Plan, dict[str, Any]]], out: Path) -> list[Table
 
 def main() -> None:
     """Make, diagnose, score."""
-    parser = study_options(__doc__, out=Path("out/coverage"), seed=1)
-    parser.add_argument("--rounds", type=int, default=1, help="of simulated cases")
-    arguments = parser.parse_args()
+    arguments = study_options(
+        __doc__, out=Path("out/coverage"), seed=1, rounds=(1, "of simulated cases")
+    ).parse_args()
     out = arguments.out
-    plans: list[Plan] = [*planned_simulated(arguments.rounds), *planned_carried()]
+    plans = [*planned_simulated(arguments.rounds), *planned_carried()]
     truths = {out / "truth" / f"{plan.name}.json": plan for plan in plans}
 
     def make_all() -> None:

@@ -386,7 +386,7 @@ def diagnosed(case: Path, damage: Damage, file: Path) -> dict[str, Any]:
     if file.is_file():
         return read_json(file, "remove it")
     begun = time.process_time()
-    result: dict[str, Any] = {"error": "", "document": None}
+    result = {"error": "", "document": None}
     with tempfile.TemporaryDirectory(prefix="gapscope_damaged_") as folder:
         damaged(case, damage, Path(folder))
         try:
@@ -444,13 +444,15 @@ def line(damage: Damage, count: int, own: list[list[bool]]) -> str:
 
 def main() -> None:
     """Make, damage, diagnose, score."""
-    parser = command_line(__doc__, cases=30)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--only", nargs="*", choices=[d.name for d in DAMAGES])
-    parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=ROBOTS)
-    options = parser.parse_args()
+    options = command_line(
+        __doc__,
+        "out",
+        cases=30,
+        only={"nargs": "*", "choices": [d.name for d in DAMAGES]},
+        robots={"nargs": "*", "choices": ROBOTS, "default": ROBOTS},
+    ).parse_args()
     print(HEAD, "|---" * 8 + "|", sep="\n")
-    clean: dict[str, Outcome] = {}
+    clean = {}
     for damage in DAMAGES:
         if options.only and damage.name not in (*options.only, "clean"):
             continue

@@ -111,7 +111,7 @@ BLIND = "--seed 7 --singles 2 --pairs 0 --triples 0 --outside 0 --healthy 1 --la
 
 BASE = {"PYTHONHASHSEED": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 TWO_THREADS = {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
-VARIANTS: dict[str, tuple[dict[str, str], str]] = {
+VARIANTS = {
     "first": ({}, "--jobs 1"),
     "again": ({}, "--jobs 2"),
     "other hash seed": ({"PYTHONHASHSEED": "2"}, ""),
@@ -161,7 +161,7 @@ def inputs(cases: Path, folder: Path) -> dict[str, Path]:
 
 def results(folder: Path) -> dict[str, Any]:
     """What a run wrote: bytes of files by their place, of JSON files the data."""
-    found: dict[str, Any] = {}
+    found = {}
     for path in sorted(folder.rglob("*")):
         if path.suffix not in TEXT or path.name in UNREPEATABLE or not path.is_file():
             continue
@@ -320,7 +320,7 @@ def main(out: Path, relations: list[str], cases: list[int]) -> int:
     """Diagnose what is asked for; 1 if a relation does not hold."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "cases").mkdir(exist_ok=True)
-    found: dict[str, list[Difference]] = {}
+    found = {}
     failed = False
     for number in cases:
         for relation in RELATIONS:
@@ -343,12 +343,13 @@ def _holds(difference: Difference, relation: Relation) -> bool:
 
 if __name__ == "__main__":
     names = [relation.name for relation in RELATIONS]
-    parser = command_line(__doc__)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--relation", action="append", choices=names)
-    parser.add_argument("--case", action="append", type=int, choices=range(len(CASES)))
-    parser.add_argument("--bitwise", action="store_true", help="repeat commands")
-    asked = parser.parse_args()
+    asked = command_line(
+        __doc__,
+        "out",
+        relation={"action": "append", "choices": names},
+        case={"action": "append", "type": int, "choices": range(len(CASES))},
+        bitwise=(False, "repeat commands"),
+    ).parse_args()
     if asked.bitwise:
         (asked.out / "cases").mkdir(parents=True, exist_ok=True)
         for case in BITWISE:

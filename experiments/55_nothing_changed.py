@@ -179,7 +179,7 @@ def make(groups: Sequence[str], out: Path) -> None:
         plan = out / "plans" / f"{group}.json"
         if plan.is_file():
             continue
-        planned: list[Comparison] = []
+        planned = []
         for case, found in arms(group, out):
             folder = out / "arms" / case.name
             write_case(case, folder, overwrite=True)
@@ -301,9 +301,9 @@ def scatter(found: Agreement, quantity: str) -> str:
 
 def main() -> None:
     """Make, run and score."""
-    parser = study_options(__doc__, "agree", out=Path("out/nothing_changed"))
-    parser.add_argument("--groups", default=",".join(GROUPS), help="default: all")
-    arguments = parser.parse_args()
+    arguments = study_options(
+        __doc__, "agree", out=Path("out/nothing_changed"), groups=",".join(GROUPS)
+    ).parse_args()
     groups, out = arguments.groups.split(","), arguments.out
     if arguments.step == "agree":
         agree(out)

@@ -138,7 +138,7 @@ def loads(row: str, setup: CaseSetup, rng: np.random.Generator) -> list[list[Cau
         places = [{**first.values, "com": middle + s * side} for s in (1, -1)]
         return [[first._replace(values=values)] for values in places]
     if row == "tool_on_off":
-        several: list[list[Cause]] = [[first], []]
+        several = [[first], []]
         return several if rng.random() < 0.5 else several[::-1]
     loaded = row in ("same_load", "wrong_constants_load", "poor_log_load")
     return [[first] if loaded else []] * 2
@@ -298,10 +298,10 @@ def _joints(true: Named, found: Named) -> bool:
 
 def tables(rows: Sequence[tuple[Task, dict[str, Any]]], out: Path) -> list[Table]:
     """The tables of all tasks that have a result."""
-    groups: dict[tuple[str, str], list[Judged]] = {}
+    groups = {}
     said = []
     for task, result in rows:
-        truth: Truth = read_json(out / "truth" / f"{task.case}.json", "--step make")
+        truth = read_json(out / "truth" / f"{task.case}.json", "--step make")
         answer = "; ".join([*names_of(result), verdict_of(result)])
         if task.mode == "plain" and result.get("document"):
             # friction that differs from the data sheet by a day's change may be said
@@ -345,10 +345,9 @@ def _figures(several: Sequence[Judged]) -> tuple[str, ...]:
 
 def main() -> None:
     """Make, run and score."""
-    parser = study_options(
+    arguments = study_options(
         __doc__, out=Path("out/states"), rows=",".join(ROWS), draws=6, seed=1
-    )
-    arguments = parser.parse_args()
+    ).parse_args()
     out = arguments.out
     cases = list(itertools.product(arguments.rows.split(","), range(arguments.draws)))
     tasks = [Task(row, draw, mode) for row, draw in cases for mode in ROWS[row].modes]

@@ -211,7 +211,7 @@ def show(rows: list[dict[str, Any]]) -> None:
     """Print the figures as a Markdown table, a row for each share and for each layout."""
     head = ("", "healthy: something named", "changed: that alone", "named first")
     head = (*head, "probability above 0.8: right", "true value in the 95 % interval")
-    groups: list[tuple[str, str, Any]] = [
+    groups = [
         *((f"{100 * share:.0f} % unknown", "share", share) for share in SHARES),
         *((layout, "layout", layout) for layout in LAYOUTS),
     ]
@@ -233,12 +233,15 @@ def show(rows: list[dict[str, Any]]) -> None:
 
 def main() -> None:
     """Draw pairs, compare them, and count."""
-    parser = command_line(__doc__, seed=1, jobs=1)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--draws", type=int, default=8, help="of each cell")
-    parser.add_argument("--seconds", type=float, help="layouts of this length only")
-    parser.add_argument("--limit", type=float, default=900.0, help="of a pair [s]")
-    arguments = parser.parse_args()
+    arguments = command_line(
+        __doc__,
+        seed=1,
+        jobs=1,
+        out={"type": Path, "required": True},
+        draws=(8, "of each cell"),
+        seconds=(float, "layouts of this length only"),
+        limit=(900.0, "of a pair [s]"),
+    ).parse_args()
     layouts = [
         layout
         for layout, (count, seconds) in LAYOUTS.items()

@@ -29,7 +29,7 @@ SPEC = CaseSpec(
 
 def main() -> None:
     """Rehearse each case and print the table."""
-    parser = command_line(
+    arguments = command_line(
         __doc__,
         out=Path("out/rehearsal"),
         cases=f"{GENERATED},emps",
@@ -37,8 +37,7 @@ def main() -> None:
         sizes="half,nine_of_ten",
         jobs=1,
         seed=1,
-    )
-    arguments = parser.parse_args()
+    ).parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     threadpool_limits(1)
     rows = []

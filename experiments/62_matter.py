@@ -31,10 +31,9 @@ SPEC = CaseSpec(
 
 def main() -> None:
     """Diagnose each case and rank what was found."""
-    parser = command_line(
+    arguments = command_line(
         __doc__, out=Path("out/matter"), cases="generated,ur10", seeds=5, jobs=1
-    )
-    arguments = parser.parse_args()
+    ).parse_args()
     warnings.simplefilter("ignore", ModelWarning)
     threadpool_limits(1)
     for name in arguments.cases.split(","):

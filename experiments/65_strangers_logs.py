@@ -212,7 +212,7 @@ def said(task: tuple[str, Log, Path]) -> dict[str, Any]:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     files, robot = write(arm, log, out, folder)
-    answer: dict[str, Any] = {"arm": arm, "log": log.name}
+    answer = {"arm": arm, "log": log.name}
     for command in COMMANDS:
         try:
             answer[command] = list(sentences(command, files, robot, folder / "case"))
@@ -244,8 +244,9 @@ def main() -> None:
     """Ask all commands of all logs, and print the table."""
     arms, logs = "generated,ur10,emps", ",".join(log.name for log in LOGS)
     folder = Path("out/strangers")
-    parser = command_line(__doc__, out=folder, arms=arms, logs=logs, limit=1200.0)
-    arguments = parser.parse_args()
+    arguments = command_line(
+        __doc__, out=folder, arms=arms, logs=logs, limit=1200.0
+    ).parse_args()
     out, chosen = arguments.out, [SOUND.name, *arguments.logs.split(",")]
     tasks = {
         out / "said" / f"{arm}, {log.name}.json": (arm, log, out)

@@ -38,27 +38,30 @@ Ended = Callable[[T, str, float], None]
 """Called with a task, how its process ended (``ended``, ``timed out`` or ``died``) and its seconds."""
 
 
-def command_line(description: str | None, **defaults: Any) -> argparse.ArgumentParser:
-    """A command line with options by their defaults: ``seeds=3`` is ``--seeds 3``, ``table=False`` a flag.
+def command_line(
+    description: str | None, *paths: str, **options: Any
+) -> argparse.ArgumentParser:
+    """A command line with paths and options by their defaults: ``seeds=3`` is ``--seeds 3``, ``table=False`` a flag.
 
-    A type stands for an option without a default: ``steps=int``.
+    A type stands for an option without a default: ``steps=int``. A pair holds either with words of help, a dictionary
+    what argparse is told instead.
     """
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    for name, default in defaults.items():
-        option = f"--{name.replace('_', '-')}"
-        if default is False:
-            parser.add_argument(option, action="store_true")
+    for path in paths:
+        parser.add_argument(path, type=Path)
+    for name, given in options.items():
+        default, words = given if isinstance(given, tuple) else (given, "")
+        how = {"type": type(default), "default": default}
+        if isinstance(default, dict):
+            how = default
+        elif default is False:
+            how = {"action": "store_true"}
         elif isinstance(default, type):
-            parser.add_argument(option, type=default)
-        else:
-            parser.add_argument(
-                option,
-                type=type(default),
-                default=default,
-                help="default: %(default)s",
-            )
+            how = {"type": default}
+        words += " (default: %(default)s)" * ("default" in how)
+        parser.add_argument(f"--{name.replace('_', '-')}", **{"help": words} | how)
     return parser
 
 
@@ -109,7 +112,7 @@ def run_tasks(
         function(task)
 
     waiting = list(tasks)
-    running: list[Running] = []
+    running = []
     try:
         while waiting or running:
             while waiting and len(running) < jobs:
@@ -205,7 +208,7 @@ class Wanted(NamedTuple):
 def diagnosed(wanted: Wanted) -> dict[str, Any]:
     """Diagnose a case: ``status``, ``document`` or ``error``, ``seconds``, ``cpu_seconds`` and ``peak_mb``."""
     started, cpu = time.monotonic(), time.process_time()
-    result: dict[str, Any] = {"case": wanted.case.name, "status": "done"}
+    result = {"case": wanted.case.name, "status": "done"}
     try:
         case, reference = load_case(wanted.case, any_unit=True), wanted.reference
         against = None if reference is None else load_case(reference)
@@ -272,15 +275,15 @@ def study_options(
     description: str | None, *more_steps: str, jobs: int = 1, **defaults: Any
 ) -> argparse.ArgumentParser:
     """The command line of a script that makes, runs and scores diagnoses (``study``), with options of its own."""
-    parser = command_line(description, **defaults)
     steps = ("make", "run", "score", "all", *more_steps)
-    parser.add_argument("--step", choices=steps, default="all")
-    parser.add_argument("--results", default="results", help="folder in OUT")
-    parser.add_argument("--jobs", type=int, default=jobs)
-    parser.add_argument(
-        "--limit", type=float, default=600.0, help="processor time per diagnosis [s]"
+    return command_line(
+        description,
+        **defaults,
+        step={"choices": steps, "default": "all"},
+        results=("results", "folder in OUT"),
+        jobs=jobs,
+        limit=(600.0, "processor time per diagnosis [s]"),
     )
-    return parser
 
 
 def study(
@@ -325,7 +328,7 @@ def grouped(
     whole: Sequence[T] = (),
 ) -> Table:
     """A row for each value of a key, how many items have it and what is said of these; ``all`` of the whole at last."""
-    groups: dict[str, list[T]] = {}
+    groups = {}
     for item in items:
         groups.setdefault(key(item), []).append(item)
     named = [*sorted(groups.items()), *[("all", whole)] * bool(whole)]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import csv
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +46,8 @@ def write_table(
     path: Path, columns: Mapping[str, np.ndarray], delimiter: str = ","
 ) -> None:
     """Text table with one column per joint: ``name{}`` stands for the joint's number from 0 or, with {1}, from 1."""
-    names: list[str] = []
-    series: list[np.ndarray] = []
+    names = []
+    series = []
     for pattern, values in columns.items():
         array = values[:, None] if values.ndim == 1 else values
         for j in range(array.shape[1]):
@@ -242,7 +242,7 @@ def mcap_ros2(motion: Motion, path: Path) -> None:
     )
     names = [str(name) for name in motion["names"]]
     zero = {"sec": 0, "nanosec": 0}
-    nothing: dict[str, Any] = {"time_from_start": zero}
+    nothing = {"time_from_start": zero}
     nothing |= {"transforms": [], "velocities": [], "accelerations": []}
 
     def point(**fields: Sequence[float]) -> dict[str, Any]:
@@ -341,7 +341,7 @@ def lerobot_normalised(motion: Motion, folder: Path) -> None:
     calibration.write_text(json.dumps({name: motor for name in names}))
 
 
-FOREIGN: dict[str, Callable[[Motion, Path], None]] = {
+FOREIGN = {
     "lerobot": lerobot,
     "mcap_ros2": mcap_ros2,
 }

@@ -275,7 +275,7 @@ def windows(case: Case, number: int, seed: int) -> list[Window]:
     """
     rng = np.random.default_rng([seed, crc32(case.name.encode()), number])
     least = SHORTEST_PIECE / max(r.duration for r in case.recordings)
-    out: list[Window] = []
+    out = []
     while len(out) < CANDIDATES:
         drawn = float(rng.uniform(*PIECES[1:]))
         regular = number < 2 and not out
@@ -340,7 +340,7 @@ def prepare_cut(arm: str, number: int, seed: int, out: Path) -> dict[str, Any]:
     folder = cut_folder(arm, number, out)
     carrier = load_carrier(arm, out / "carriers" / arm)
     least = model_residual(carrier)
-    tried: list[tuple[float, Window, np.ndarray]] = []
+    tried = []
     for window in windows(carrier, number, seed):
         rest = _write_cut(carrier, number, window, folder)
         tried.append((float((rest / least).max()), window, rest))

@@ -175,7 +175,7 @@ def inject(
 ) -> tuple[Recording, list[dict[str, Any]]]:
     """The recording with all effects, and their entries for the label, in the order given."""
     recording = scene.recording
-    values: dict[int, Values] = {}
+    values = {}
     for k in sorted(range(len(injections)), key=lambda k: injections[k].law.stage):
         recording, values[k] = injections[k].applied(scene, recording)
     entries = [_entry(one, values[k]) for k, one in enumerate(injections)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.json_file import check_document
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.motions.trajectory import (
@@ -218,3 +220,10 @@ def untrained_network(n: int) -> ResidualNetwork:
         np.full(n, 2.0),
         12.0,
     )
+
+
+def valid_document(file: Path) -> dict[str, Any]:
+    """The document in a file, valid by the schema of its name."""
+    content = json.loads(file.read_text(encoding="utf-8"))
+    check_document(content, file.stem)
+    return content

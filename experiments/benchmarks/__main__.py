@@ -124,7 +124,7 @@ def main(words: Sequence[str] | None = None) -> int:
             against,
             tuple(options.case),
         )
-        rows: list[Row] = []
+        rows = []
         for point in import_module(f"experiments.benchmarks.{part}").points(settings):
             path = point_file(out, part, point.name)
             rows += run_point(options, path, part, point, failed)

@@ -101,7 +101,7 @@ def _measure(settings: Settings, name: str, place: Place) -> list[Row]:
     checkouts = {"this": ROOT}
     if settings.against:
         checkouts["other"] = settings.against
-    found: dict[str, list[dict[str, Any]]] = {key: [] for key in checkouts}
+    found = {key: [] for key in checkouts}
     for done in range(1, settings.rounds + 1):
         for key, checkout in checkouts.items():
             found[key].append(_run(case, checkout))
@@ -127,7 +127,7 @@ def _row(
 ) -> Row:
     """Time, memory and what was named; beside another checkout if that ran as well."""
     (time, spread, peak), named = _figures(runs), _names(runs[0])
-    details: dict[str, float | str] = {MEMORY: peak}
+    details = {MEMORY: peak}
     if any(STOPPED in run for run in runs):
         details[STOPPED] = LIMIT
     row = Row(name, time, "s", spread, note=named, details=details)

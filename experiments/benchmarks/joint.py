@@ -60,11 +60,6 @@ class OneJoint(NamedTuple):
     q: np.ndarray
     tau: np.ndarray
 
-    @property
-    def columns(self) -> Mapping[str, np.ndarray]:
-        """Its series by name."""
-        return vars(self)
-
 
 def recorded(seconds: float, rng: np.random.Generator) -> OneJoint:
     """A recording of a random motion."""
@@ -148,7 +143,7 @@ def points(settings: Settings) -> list[Point]:
 def _compared(settings: Settings) -> list[Row]:
     fits = _fits(settings)
     seconds = SHORT if settings.quick else SECONDS
-    runs: dict[str, list[Mapping[str, Any]]] = {name: [] for name in fits}
+    runs = {name: [] for name in fits}
     with threadpool_limits(1):
         for seed in range(settings.rounds):
             recording = recorded(seconds, np.random.default_rng(seed))
@@ -166,7 +161,7 @@ def _fits(settings: Settings) -> dict[str, Fit]:
     """What is compared; ``mujoco.sysid`` last, as far as it can be installed."""
     settings.out.mkdir(parents=True, exist_ok=True)
     arm = load_nominal_arm(write_urdf(settings.out / "pendulum.urdf"), sheet=SHEET)
-    fits: dict[str, Fit] = {
+    fits = {
         f"Gapscope, {estimator}": partial(_ours, arm, estimator) for estimator in OURS
     }
     python = install(settings.out.parent / "sysid", SYSID)
@@ -180,7 +175,7 @@ def _fits(settings: Settings) -> dict[str, Fit]:
 
 
 def _ours(arm: NominalArm, estimator: str, joint: OneJoint) -> Mapping[str, Any]:
-    series = {name: column[:, None] for name, column in joint.columns.items()}
+    series = {name: column[:, None] for name, column in joint._asdict().items()}
     t = series.pop("t")[:, 0]
     gains = {"kp": np.array([KP]), "kd": np.array([KD])}
     controller = PD(rate=RATE, feedforward="none", **gains)
@@ -201,13 +196,13 @@ def _ours(arm: NominalArm, estimator: str, joint: OneJoint) -> Mapping[str, Any]
 
 def _theirs(python: Path, file: Path, kind: str, joint: OneJoint) -> Mapping[str, Any]:
     known = {"mass": MASS, "lever": LEVER, "across": LINK_INERTIA}
-    np.savez(file, **joint.columns, **known)
+    np.savez(file, **joint._asdict(), **known)
     return run_child("sysid_joint.py", file, kind, python=python)
 
 
 def _accuracy(runs: list[Mapping[str, Any]]) -> dict[str, float | str]:
     """Median errors in percent, the median half width of the intervals, and how many of them hold the truth."""
-    found: dict[str, float | str] = {}
+    found = {}
     held = 0
     for name, truth in TRUTH.items():
         errors = np.array([abs(run["values"][name] - truth) for run in runs])

@@ -66,7 +66,7 @@ def in_turns(
     prepare: Mapping[str, Callable[[], object]] | None = None,
 ) -> dict[str, list[float]]:
     """Time of each loop in each round [s], without what prepares it; turns, so that a busy machine slows all."""
-    times: dict[str, list[float]] = {name: [] for name in loops}
+    times = {name: [] for name in loops}
     for _ in range(rounds):
         for name, loop in loops.items():
             if prepare is not None:

@@ -52,7 +52,7 @@ def points(settings: Settings) -> list[Point]:
 def _compared(settings: Settings, states: int) -> list[Row]:
     regressor = iiwa()
     motion = random_states(regressor, np.random.default_rng(0), states)
-    loops: dict[str, Callable[[], Times]] = {
+    loops = {
         OURS: lambda: _ours(regressor, motion),
         STREAMED: lambda: _streamed(regressor, motion),
         BARE: lambda: _bare(regressor, motion),

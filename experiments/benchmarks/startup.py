@@ -10,7 +10,6 @@ import os
 import resource
 import subprocess
 import sys
-from collections.abc import Callable
 from functools import partial
 
 from .child import ONE_THREAD, ROOT
@@ -55,9 +54,7 @@ def _measured(settings: Settings) -> list[Row]:
             process.kill()
         process.communicate()
 
-    loops: dict[str, Callable[[], object]] = {
-        name: partial(start, words) for name, words in COMMANDS.items()
-    }
+    loops = {name: partial(start, words) for name, words in COMMANDS.items()}
     loops[FIRST_LINE] = partial(start, DIAGNOSE, until_line=True)
     in_turns(loops, 1)
     times = in_turns(loops, settings.rounds, _of_children)

@@ -343,8 +343,8 @@ def evaluate(
         progress: called with a short message before each piece of work.
         cell: gives back what is kept of a piece of work, or computes it.
     """
-    episodes: list[Episode] = []
-    margins: dict[tuple[str, str], float] = {}
+    episodes = []
+    margins = {}
     for model in models.values():
         bench.controller(model)  # raises before any work is done
     for engine in bench.plan.engines:

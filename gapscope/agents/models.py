@@ -189,7 +189,7 @@ def read_models(
     Raises:
         InputError: a file is missing or no model, is of an arm with other joints, or two models have one name.
     """
-    models: dict[str, Candidate] = {}
+    models = {}
     for entry in entries:
         name, source = named(entry)
         if not name or name in models:

@@ -11,7 +11,6 @@ import numpy as np
 
 from gapscope.agents.models import AgentModel, TorqueModel
 from gapscope.arm.control import SETTLE, Targets
-from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import Workspace
@@ -321,7 +320,7 @@ class TrackingMetrics:
     def __init__(self, arm: NominalArm, body: RigidBody, space: Workspace) -> None:
         self.limit = torque_limit(arm, body)
         self._rated = rated_torque(arm, body, space)
-        self._kinematics: Kinematics = space.kinematics
+        self._kinematics = space.kinematics
 
     def __call__(
         self, track: TrackingRun, dt: float, duration: float

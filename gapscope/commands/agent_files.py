@@ -236,7 +236,7 @@ def claim(
     hidden = task.hidden
     # these two have no file: their name says all
     plain = task.name in ("pd", "gravity") and task.name
-    asked: dict[str, Any] = {
+    asked = {
         "model": _digest(plain, task.believed),
         "robot": _digest(None, CorrectedArm(task.arm)),
         "effects": None if hidden is None else [described(one) for one in hidden],

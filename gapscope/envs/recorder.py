@@ -373,7 +373,7 @@ def _motions(
         sampled = read_sampled(Path(plan.motion), arm.n_joints)
         return [sampled.slower(speed) for speed in speeds]
     check_motion_name(plan.motion, arm.n_joints)
-    motions: list[ReferenceMotion] = []
+    motions = []
     for speed in speeds:
         limits = space.limits
         slower = limits._replace(

@@ -223,7 +223,7 @@ def _driven(
     sos = butter(2, cutoff, output="sos", fs=recording.rate)
     # the padding has to be shorter than the stretch
     padding = min(len(t) - 1, int(3 * recording.rate / cutoff))
-    smooth: np.ndarray = sosfiltfilt(sos, recording.q[rows], axis=0, padlen=padding)
+    smooth = sosfiltfilt(sos, recording.q[rows], axis=0, padlen=padding)
     speed = make_interp_spline(t, smooth, k=3)(t, 1)
     # the recorded torque holds what the network stands for, the arm does not
     applied = tau

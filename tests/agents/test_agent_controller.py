@@ -20,7 +20,7 @@ class Noting:
     """A policy of actions drawn once, which notes what it observes."""
 
     def __init__(self, size: int, factor: float = 1.0) -> None:
-        self.seen: list[np.ndarray] = []
+        self.seen = []
         draws = np.random.default_rng(0).uniform(-1, 1, (200, size))
         self.actions = factor * draws
 
@@ -65,7 +65,6 @@ def test_it_moves_an_arm_as_the_environment_does(two: NominalArm, kind: str) -> 
 
     agent = _agent(two, here, kind)
     gains = agent.control.gains or _control(two, "residual").gains
-    assert gains is not None
     controller = AgentController(gains, agent.control.limit, agent)
     course = SampledReference.of(motion, 0.6, 1e-3, settle=0.0).planned(controller)
     with SimulatedArm(two, (), 1e-3, encoder_step=two.encoder_step or 0.0) as simulated:

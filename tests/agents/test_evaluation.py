@@ -65,7 +65,7 @@ def test_a_better_model_tracks_better(two: NominalArm) -> None:
         "nominal": ArmModel(CorrectedArm(two)),
         "truth": ArmModel(CorrectedArm(two, HIDDEN)),
     }
-    said: list[str] = []
+    said = []
     episodes, margins = evaluate(models, bench, said.append)
     every = summarise(episodes, margins)
     assert [line["disturbance"] for line in every] == ["none"] * 4 + ["push"] * 4

@@ -39,7 +39,7 @@ def setup() -> CaseSetup:
     "path", GENERATOR, ids=lambda path: path.relative_to(ROOT).as_posix()
 )
 def test_the_generator_imports_nothing_of_the_project_but_arm(path: Path) -> None:
-    modules: set[str] = set()
+    modules = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             modules |= {alias.name for alias in node.names}

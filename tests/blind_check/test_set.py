@@ -78,7 +78,7 @@ def test_the_same_seed_gives_the_same_cases_whatever_the_number_of_jobs(
 def test_a_set_that_was_broken_off_is_finished_with_the_same_cases(
     made: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    written: list[str] = []
+    written = []
     write = make_module.write_case
 
     def dies_at_the_second(*arguments: object) -> None:
@@ -182,7 +182,7 @@ def test_a_set_is_run_resumed_and_scored(
     shutil.copy(
         vault / "unseen" / "case0001.csv", cases / "case0001" / "recording_a.csv"
     )
-    again: list[str] = []
+    again = []
     assert run(cases, results, progress=again.append) == 0
     assert len(again) == 1 and "case0001" in again[0]
 

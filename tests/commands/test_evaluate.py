@@ -172,7 +172,7 @@ def replaced(old: str, new: str) -> Command:
     return lambda path: path.write_text(path.read_text().replace(old, new))
 
 
-CHANGES: dict[str, tuple[str, Command]] = {
+CHANGES = {
     "effects": ("corrected.yaml", replaced("3.0", "2.5")),
     "model": ("model.yaml", replaced("3.0", "2.5")),
     "robot": ("sick/*.urdf", replaced('mass value="4"', 'mass value="4.1"')),

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from jsonschema import Draft202012Validator
-
-from gapscope.arm.io.json_file import schema
+from cases import valid_document
 
 Command = Callable[..., Any]
 EFFECTS = """schema: 1
@@ -29,20 +27,13 @@ def model(tmp_path: Path) -> Path:
     return file
 
 
-def ranked(file: Path) -> dict[str, Any]:
-    """The document of a file, valid by its schema."""
-    content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    Draft202012Validator(schema("matter")).validate(content)
-    return content
-
-
 def test_a_reference_under_a_controller(
     gapscope: Command, sick: Path, model: Path, tmp_path: Path
 ) -> None:
     out, task = tmp_path / "out", sick / "recording_0.csv"
     done = gapscope("matter", sick, "--task", task, "--model", model, "--out", out)
     assert done.code == 0, done.err
-    content = ranked(out / "matter.json")
+    content = valid_document(out / "matter.json")
     first, last = content["rows"]
     assert (first["effect"], last["effect"]) == ("viscous_friction", "coulomb_friction")
     assert first["matters"]["value"] > 5 * last["matters"]["value"]
@@ -75,7 +66,7 @@ def test_values_are_drawn_within_the_intervals_of_a_diagnosis(
     options = ("--task", task, "--diagnosis", results, "--seeds", 3)
     done = gapscope("matter", sick, *options, "--out", out)
     assert done.code == 0, done.err
-    (row,) = ranked(out / "matter.json")["rows"]
+    (row,) = valid_document(out / "matter.json")["rows"]
     ends = row["range"]["coefficient"]
     assert ends["low"][0] < 3.0 < ends["high"][0]
     assert row["matters"]["low"] < row["matters"]["value"] < row["matters"]["high"]

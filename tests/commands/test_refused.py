@@ -315,7 +315,7 @@ DIDIM = ("identify {sick} --out {out} --estimator didim",)
 LOGS = [f"identify {{sick}}/{name} --out {{out}}" for name in (FIRST, "log.db3")]
 ALONE = "one recording agrees with itself; remedy"
 PID = "controller: {kind: pid, rate: 250, kp: [9, 9], ki: [1, 1], kd: [1, 1]}"
-CASES: list[tuple[Spoil, tuple[str, ...], str]] = [
+CASES = [
     (shutil.rmtree, READ, "sick; no such file; case.yaml"),
     (lambda case: (case / FIRST).unlink(), READ, f"sick/{FIRST}; no such file"),
     (in_file(FIRST, "tau2", "torque2"), READ, f"sick/{FIRST}; tau2"),

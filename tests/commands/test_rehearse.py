@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from jsonschema import Draft202012Validator
+from cases import valid_document
 
 from gapscope.arm.case import load_case
-from gapscope.arm.io.json_file import schema
 from gapscope.blind_check.generator.recorded import RECORDED_LAWS
 from gapscope.many.rehearse import Planned, put_in, size_of
 
@@ -26,8 +25,7 @@ def test_what_is_put_in_is_found_beside_what_was_there_and_kept(
     asked = ("--effect", "torque_scale", "--joint", 1, "--sizes", "severity")
     done = gapscope("rehearse", sick, "--out", out, *asked)
     assert done.code == 0, done.err
-    content = json.loads((out / "rehearsal.json").read_text(encoding="utf-8"))
-    Draft202012Validator(schema("rehearsal")).validate(content)
+    content = valid_document(out / "rehearsal.json")
     assert content["as_is"] == ["viscous friction, joint 2"]
     (row,) = content["rows"]
     assert row["outcome"] == "found" and row["named"] == ["torque scale, joint 1"]

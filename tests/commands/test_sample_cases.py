@@ -37,7 +37,6 @@ def label_of(sample_cases: Path, name: str) -> dict[str, Any]:
 def nrmse(sample_cases: Path, name: str, corrected: CorrectedArm) -> np.ndarray:
     """Torque NRMSE on recording_d, by the definition, of the torque that ``predict`` gives."""
     recording = load_recording(sample_cases / name / "recording_d.csv", corrected.arm)
-    assert recording.tau is not None
     edge = round(TRIM * recording.rate)
     measured, predicted = (
         low_pass(x, recording.rate, 12.0)[edge:-edge]

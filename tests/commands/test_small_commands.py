@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from jsonschema import Draft202012Validator
+from cases import valid_document
 
 import gapscope as package
-from gapscope.arm.io.json_file import schema
 from gapscope.arm.motions.trajectory import read_sampled
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.many.archive import ArchiveServer
@@ -49,13 +48,6 @@ def test_nothing_open_is_said_and_nothing_written(
     assert not list(tmp_path.glob("next.*"))
 
 
-def check_against_schema(file: Path) -> dict[str, Any]:
-    """The document in a file, valid by the schema that comes with the package."""
-    content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    Draft202012Validator(schema("agreement")).validate(content)
-    return content
-
-
 def test_writes_page_and_document(
     gapscope: Command, healthy: Path, tmp_path: Path
 ) -> None:
@@ -64,7 +56,7 @@ def test_writes_page_and_document(
     assert done.code == 0, done.err
     assert "0 differ" in done.said and "Coulomb friction of joint 2" in done.said
     assert f"wrote {out / 'agreement.html'}" in done.out
-    content = check_against_schema(out / "agreement.json")
+    content = valid_document(out / "agreement.json")
     assert content["recordings"] == [f"recording_{k}.csv" for k in range(3)]
     verdicts = {one["verdict"] for one in content["parameters"]}
     assert verdicts <= {"agrees", "not determined"}
@@ -83,7 +75,7 @@ def test_differences_are_said_in_words_and_on_the_page(
     done = gapscope("agree", healthy, "--out", tmp_path / "out")
     assert "viscous friction of joint 2 differs" in done.said
     assert "to settle it: repeat recording_1.csv" in done.said
-    content = check_against_schema(tmp_path / "out" / "agreement.json")
+    content = valid_document(tmp_path / "out" / "agreement.json")
     assert content["parameters"][0]["verdict"] == "differs"
     page = (tmp_path / "out" / "agreement.html").read_text(encoding="utf-8")
     assert "Viscous friction of joint 2 differs" in page

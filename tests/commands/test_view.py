@@ -18,7 +18,7 @@ from gapscope.interface.models import predict
 
 def messages(path: Path) -> dict[str, list]:
     """Messages of a file by topic."""
-    found: dict[str, list] = {}
+    found = {}
     with AnyReader([path]) as reader:
         for connection, _, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)

@@ -54,7 +54,6 @@ def test_one_action_changes_all_gains(data_sheet_arm: NominalArm) -> None:
     env = ArmTracking(data_sheet_arm, action="gains")
     assert env.action_space.shape == (1,)
     gains = env.setup.control.gains
-    assert gains is not None
     factor, stiffer = scaled(gains, np.ones(1))
     assert factor == 1.0
     np.testing.assert_allclose(stiffer.kp, 2 * gains.kp)

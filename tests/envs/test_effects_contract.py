@@ -26,7 +26,7 @@ POSTURE = np.array([0.1, 0.6, -0.2, -1.2, 0.3, 0.8, 0.1])
 SPEED = np.array([0.4, -0.3, 0.5, 0.4, -0.5, 0.6, -0.7])
 TORQUE = np.array([20.0, -60.0, 15.0, 25.0, -4.0, 2.0, 1.5])
 
-OFF: dict[str, dict[str, float]] = {
+OFF = {
     "torque_saturation": {"limit": 1e4},
     "stribeck_friction": {"torque": 0.0, "velocity": 0.1},
     "saturating_friction": {"torque": 0.0, "velocity": 0.5},

@@ -46,7 +46,7 @@ def test_an_action_without_a_limit_is_noticed_at_once_and_explained(
 
 @pytest.mark.parametrize("change", ["time_step", "bandwidth"])
 def test_what_the_explanation_of_a_divergence_says_to_change_helps(change: str) -> None:
-    options: dict = {"bandwidth": 4.0, "time_step": 20e-3, "sub_steps": 1}
+    options = {"bandwidth": 4.0, "time_step": 20e-3, "sub_steps": 1}
     _, _, info = rollout(**options, **SHORT)
     value = float(re.search(rf"{change} below ([\d.e-]+)", message(info))[1])
     # of the bandwidth it says a factor

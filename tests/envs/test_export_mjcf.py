@@ -108,6 +108,15 @@ def gap(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.sqrt(np.mean((a[300:] - b[300:]) ** 2)))
 
 
+def gaps(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], folder: Path
+) -> list[float]:
+    """Gap of MuJoCo's arm to the simulator's with effects, in MuJoCo without them and with them."""
+    wanted = on_the_arm(arm, effects, TICKS)
+    several = ((), effects)
+    return [gap(in_mujoco(load(arm, x, folder), TICKS), wanted) for x in several]
+
+
 @pytest.mark.parametrize(
     "name",
     [name for name, effect in CATALOGUE.items() if holds(TARGETS["mjcf"].held, effect)],
@@ -116,11 +125,7 @@ def test_a_held_effect_moves_the_arm_as_it_does_in_the_simulator(
     arm: NominalArm, tmp_path: Path, name: str
 ) -> None:
     effects = (draw(name, np.random.default_rng(1), ArmScale.of(arm), (2, 3)),)
-    wanted = on_the_arm(arm, effects, TICKS)
-    before, after = (
-        gap(in_mujoco(load(arm, these, tmp_path), TICKS), wanted)
-        for these in ((), effects)
-    )
+    before, after = gaps(arm, effects, tmp_path)
     assert before > 1e-6
     assert after < ROUGH.get(name, EXACT) * before
 
@@ -205,9 +210,5 @@ class TestCoupledMotors:
             applied("coupled_viscous_friction", 3, coefficient=2.0),
             applied("coupled_coulomb_friction", 3, torque=1.0),
         )
-        wanted = on_the_arm(coupled, effects, TICKS)
-        before, after = (
-            gap(in_mujoco(load(coupled, these, tmp_path), TICKS), wanted)
-            for these in ((), effects)
-        )
+        before, after = gaps(coupled, effects, tmp_path)
         assert after < 0.01 * before

@@ -18,7 +18,6 @@ import yaml
 from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
@@ -111,7 +110,7 @@ def imported(tree: ast.AST) -> list[str]:
 def run(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Names that a snippet defines, with stand-ins for what it imports."""
     text = path.read_text(encoding="utf-8")
-    modules: dict[str, Anything] = {}
+    modules = {}
     for name in imported(ast.parse(text)):
         if name in ("math", "numpy"):
             continue
@@ -122,7 +121,7 @@ def run(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
             if above is not None:
                 setattr(above, inner.rpartition(".")[2], module)
             above = module
-    scope: dict[str, Any] = {}
+    scope = {}
     exec(compile(text, str(path), "exec"), scope)
     return scope
 
@@ -256,7 +255,7 @@ class TestNewton:
 
 
 def test_genesis_has_values_of_its_own_in_each_environment(snippet: Any) -> None:
-    calls: dict[str, Any] = {}
+    calls = {}
 
     class Robot:
         def get_joint(self, name: str) -> Any:
@@ -280,7 +279,7 @@ def test_genesis_has_values_of_its_own_in_each_environment(snippet: Any) -> None
 
 def test_drake_divides_the_rotor_by_the_square_of_the_gear(snippet: Any) -> None:
     scope = snippet("drake")
-    made: dict[str, Any] = {}
+    made = {}
 
     class Actuator:
         def __getattr__(self, name: str) -> Any:
@@ -318,7 +317,6 @@ def test_gazebo_holds_dynamics_and_limits(
     export(corrected, "gazebo", tmp_path / "joints.xml")
     joints = ET.parse(tmp_path / "joints.xml").getroot()
     two = joints.find("joint[@name='lbr_iiwa_joint_2']/axis/dynamics")
-    assert two is not None
     expected = {"damping": 3.5, "friction": 4.0, "spring_reference": 0.3}
     expected["spring_stiffness"] = 12.0
     assert {each.tag: float(each.text or "") for each in two} == expected
@@ -378,7 +376,7 @@ def test_a_format_of_ranges_alone_needs_them(
 def test_a_healthy_arm_has_a_snippet(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    nominal: NominalArm = load_nominal_arm("franka_panda")
+    nominal = load_nominal_arm("franka_panda")
     for form in PYTHON:
         left_out, _ = export(CorrectedArm(nominal), form, tmp_path / "s.py")
         assert left_out == ()

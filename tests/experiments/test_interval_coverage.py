@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,7 +13,7 @@ coverage = import_module("51_interval_coverage")
 calibration_table, stated = coverage.calibration_table, coverage.stated
 coverage_table, values = coverage.coverage_table, coverage.values
 
-TRUTH: dict[str, Any] = {
+TRUTH = {
     "effects": [
         {
             "effect": "coulomb_friction",
@@ -33,7 +32,7 @@ TRUTH: dict[str, Any] = {
     ],
     "gap": [0.0] * 6,
 }
-FOUND: dict[str, Any] = {
+FOUND = {
     "effects": [
         {
             "effect": "coulomb_friction",

@@ -115,7 +115,7 @@ def _write(
     trained.normalisation.write(folder / NORMALISATION)
     files = {name: sha256(folder / name) for name in (POLICY, NORMALISATION)}
     whole = content | {"kept": trained.curve[place], "files": files}
-    found: dict[str, Any] = plain(whole, null_if_not_finite=True)
+    found = plain(whole, null_if_not_finite=True)
     write_json(found, folder / DOCUMENT)
     return found
 

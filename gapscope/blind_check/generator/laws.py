@@ -786,7 +786,7 @@ OUTSIDE = (
 
 # All of them
 
-LAWS: dict[str, Law] = {
+LAWS = {
     law.name: law
     for law in (
         *FRICTION,

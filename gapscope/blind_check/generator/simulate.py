@@ -394,7 +394,7 @@ class _Simulation:
         rotors = self._joints["armature"][0, :n]
         self._model.dof_armature[:] = np.where(compliant, 0.0, rotors)
         self._plant, self._tip = plant, tip_body(self._model)
-        self._tip_before: np.ndarray | None = None
+        self._tip_before = None
         moved = plant.push is not None or plant.shaken is not None
         self._disturbed = moved or bool(plant.resisting)
 

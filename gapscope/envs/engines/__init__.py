@@ -129,5 +129,5 @@ def make_bodies(name: str | None, body: RigidBody, dt: float, **options: int) ->
     """
     # imported only when it is asked for: an engine that is not installed harms nobody
     engine = import_module(f"{__name__}.{check_engine(name)}")
-    bodies: Bodies = engine.ENGINE(body, dt, **options)
+    bodies = engine.ENGINE(body, dt, **options)
     return bodies

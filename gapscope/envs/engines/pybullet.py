@@ -59,7 +59,7 @@ class PyBulletBodies(Bodies):
 
     def __init__(self, body: RigidBody, dt: float) -> None:
         links, n = moving_links(body), body.n_joints
-        self._client: int | None = pybullet.connect(pybullet.DIRECT)
+        self._client = pybullet.connect(pybullet.DIRECT)
         client = {"physicsClientId": self._client}
         self._robot, self._joints = _load(self._client, links, body.gravity, dt)
         arm = self._robot, self._joints

@@ -35,7 +35,7 @@ def task(arm: NominalArm) -> Task:
 
 def short(algorithm: str = "ppo", **changed: Any) -> TrainingSettings:
     """Settings of a training that takes seconds."""
-    values: dict[str, Any] = {
+    values = {
         "algorithm": algorithm,
         "steps": 512,
         "round_steps": 256,
