@@ -362,12 +362,7 @@ def fit_parameters(
         GapscopeError: no physically consistent parameters were found.
     """
     chosen = method(settings.estimator)
-    if settings.filter not in FILTERS:
-        raise InputError(
-            f"unknown filter {settings.filter!r}",
-            f"use {' or '.join(FILTERS)}",
-            where="--filter",
-        )
+    check_known("filter", settings.filter, FILTERS, where="--filter")
     fit, held_out = split(case, settings.judge)
     check_recordings(fit, held_out, case)
     # one cut-off for all recordings, so that their equations are comparable

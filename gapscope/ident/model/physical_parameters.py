@@ -59,11 +59,6 @@ def inertial_parameters(matrix: np.ndarray) -> np.ndarray:
     return np.einsum("...ab,kab->...k", matrix, _DUAL)
 
 
-def is_consistent(parameters: np.ndarray) -> np.ndarray:
-    """Whether some body of positive mass density has these parameters, shape (..., 10) to (...)."""
-    return np.linalg.eigvalsh(pseudo_inertia(parameters))[..., 0] > 0.0
-
-
 def principal_moments(parameters: np.ndarray) -> np.ndarray:
     """Moments about the centre of mass [kg m^2], ascending, shape (..., 10) to (..., 3); NaN for a mass of 0."""
     matrix = pseudo_inertia(parameters)
@@ -282,8 +277,7 @@ def nearest_possible(
     root = np.linalg.cholesky(scaled + 1e-13 * np.eye(len(unit))).T
     target = np.linalg.solve(root.T, unit * right)
     free = nominal + unit * np.linalg.solve(root, target)
-    bodies = free[: 10 * links].reshape(-1, 10)
-    least = np.linalg.eigvalsh(_scaled(pseudo_inertia(bodies)))[:, 0]
+    least = np.array([check.least for check in check_links(free[: 10 * links])])
     # no constraint is active: the semidefinite programme would only add its tolerance
     if (least >= FLOOR * _masses(nominal, links)).all() and (
         free[list(bounded)] >= 0
@@ -349,8 +343,7 @@ def possible_least_squares(
     if change.value is not None:
         out = nominal + size * unit * change.value
         out[bounded] = np.maximum(out[bounded], 0.0)
-    bodies = out[: 10 * links].reshape(-1, 10)
-    if change.value is None or not is_consistent(bodies).all():
+    if change.value is None or inconsistent(check_links(out[: 10 * links])):
         raise GapscopeError(
             f"no physically consistent parameters were found ({failure or problem.status})",
             "check the nominal masses and inertias, the unit of the torque and the joints' zeros",
