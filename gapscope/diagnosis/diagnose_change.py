@@ -59,6 +59,7 @@ from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
 from gapscope.ident.model.physical_parameters import nearest_possible, urdf_text
+from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import Segment
 from gapscope.model.design import BODIES, FreeArm, design, fitted_arm, moved
 from gapscope.model.difference import Search
@@ -114,7 +115,8 @@ def possible_arm(
     nominal = free.body.inertial_parameters()
     # so that the free bodies are the optimum that possible ones come near to
     right = normal @ free.increments.ravel()
-    value = nearest_possible(normal, right, nominal, n)
+    names = Regressor(sheet, free.body, ()).names
+    value = nearest_possible(normal, right, nominal, names)
     change = (value - nominal).reshape(n, 10)
     body: RigidBody = free.body.changed(change)
     terms, theta = Terms(n, {}, sheet.coupled_motors), free.theta.copy()

@@ -362,12 +362,7 @@ def fit_parameters(
         GapscopeError: no physically consistent parameters were found.
     """
     chosen = method(settings.estimator)
-    if settings.filter not in FILTERS:
-        raise InputError(
-            f"unknown filter {settings.filter!r}",
-            f"use {' or '.join(FILTERS)}",
-            where="--filter",
-        )
+    check_known("filter", settings.filter, FILTERS, where="--filter")
     fit, held_out = split(case, settings.judge)
     check_recordings(fit, held_out, case)
     # one cut-off for all recordings, so that their equations are comparable
@@ -429,7 +424,6 @@ def fit_parameters(
         flat.T @ flat,
         nominal,
         samples.torque.size * penalty,
-        columns.arm.n_joints,
     )
     return FittedParameters(
         case=case,
@@ -1152,7 +1146,7 @@ def _spectral(
     The noise density of q is the median one in the upper half of the band; differentiating twice multiplies it by
     (2 pi f)^4. Only power that exceeds it counts beyond the cut-off.
     """
-    noise, acceleration, lost, speed = np.zeros((4, recordings[0].n_joints))
+    powers = np.zeros((4, recordings[0].n_joints))
     for recording in recordings:
         rate = recording.rate
         _, q = uniform(recording.t, recording.q, rate)
@@ -1172,10 +1166,14 @@ def _spectral(
         inside = frequency <= cutoff
         # the floor itself scatters; only what stands well above it is motion
         above_floor = np.where(density > 10 * floor, density - floor, 0.0)
-        noise += (acceleration_power * floor)[inside].sum(axis=0)
-        acceleration += (acceleration_power * density)[inside].sum(axis=0)
-        lost += (velocity_power * above_floor)[~inside].sum(axis=0)
-        speed += (velocity_power * density)[inside].sum(axis=0)
+        parts = (
+            (acceleration_power * floor)[inside],
+            (acceleration_power * density)[inside],
+            (velocity_power * above_floor)[~inside],
+            (velocity_power * density)[inside],
+        )
+        powers += [part.sum(axis=0) for part in parts]
+    noise, acceleration, lost, speed = powers
     noise_share = np.sqrt(noise / np.maximum(acceleration, TINY))
     return noise_share, lost / np.maximum(speed + lost, TINY)
 

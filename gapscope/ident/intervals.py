@@ -33,6 +33,7 @@ from gapscope.ident.samples import (
     Samples,
     check_rank,
     equal_parts,
+    parts_within,
 )
 from gapscope.model.conditioning import BY_CHANCE, TORQUE_CUTOFF
 from gapscope.model.design import PRECISE, WAVES, drawn_waves
@@ -298,7 +299,7 @@ def jackknife(
     # kg and kg m^2 differ by orders of magnitude: solved with a unit diagonal
     scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(TINY))
     changes = []
-    for block in _blocks(group, length):
+    for block in parts_within(group, length):
         instruments = left[block].reshape(-1, parameters)
         own = instruments.T @ right[block].reshape(-1, parameters)
         others = (gram - own) * np.outer(scale, scale)
@@ -313,15 +314,6 @@ def _of_changes(change: np.ndarray) -> Uncertainty:
     count = len(change)
     covariance = (count - 1) / count * change.T @ change
     return Uncertainty(covariance, max(count - 1.0, 1.0))
-
-
-def _blocks(group: np.ndarray, length: float) -> list[slice]:
-    """Blocks of about equal length [samples] within the groups."""
-    out = []
-    for rows in group_slices(group):
-        count = max(1, round((rows.stop - rows.start) / length))
-        out += equal_parts(rows, count)
-    return out
 
 
 # Uncertainty of any estimator: the estimate is repeated without one stretch of time after the other.
@@ -346,7 +338,7 @@ def refit_jackknife(problem: Problem, estimator: Estimator) -> Uncertainty:
 
     Source: kunsch1989.
     """
-    spans = _blocks(problem.group, len(problem.group) / STRETCHES)
+    spans = parts_within(problem.group, len(problem.group) / STRETCHES)
     found = np.array(list(_without_each(problem, spans, estimator)))
     change = found - found.mean(axis=0)
     return _of_changes(change)

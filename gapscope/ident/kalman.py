@@ -317,8 +317,8 @@ def follow_states(
     recording = recording.part(recording.t <= recording.t[0] + LONGEST)
     n, regressor = arm.n_joints, Regressor(arm)
     prior = np.array([identified.get(name, 0.0) for name in regressor.names])
-    names = tuple(f"{kind}{j}" for kind in "bc" for j in range(1, n + 1))
-    places = [regressor.names.index(name) for name in names]
+    # b and c of the joints follow each other, behind ten parameters of each link and the rotors
+    own = slice(11 * n, 13 * n)
     # torque between two measurements counts by its mean
     rows = np.arange(0, len(recording.t), max(1, round(recording.rate / MODEL_RATE)))
     t, q = recording.t[rows], recording.q[rows]
@@ -330,7 +330,7 @@ def follow_states(
     torque = WORTH * rms(np.asarray(recording.tau))
     # b counts by its torque at the usual speed, c is a torque itself
     least = np.concatenate([torque / np.maximum(speed, MOVING), torque])
-    spread = np.maximum(UNSURE * np.abs(prior[places]), least)
+    spread = np.maximum(UNSURE * np.abs(prior[own]), least)
     count = max(1, round(period / (2 * LONGEST_STEP)))
     # the stepper counts joints in the order of the bodies, the case in its own
     to_body, to_case = regressor.body.order, regressor.body.places
@@ -339,7 +339,7 @@ def follow_states(
     def after(x: np.ndarray, dt: float, torque: np.ndarray) -> np.ndarray:
         """The state after some time [s] under a torque [N m]."""
         parameters = prior.copy()
-        parameters[places] += x[2 * n :]
+        parameters[own] += x[2 * n :]
         # each sigma point has its own arm
         stepper.set_parameters(parameters)
         stepper.dt = dt / count
@@ -389,9 +389,10 @@ def follow_states(
         innovation[k] = np.linalg.solve(np.linalg.cholesky(kalman.S), kalman.y)
         value.append(kalman.x)
         covariance.append(kalman.P)
-    start, states = prior[places], np.array(value)
-    own = np.array(covariance)[:, 2 * n :, 2 * n :]
-    friction = Track(names, t, start + states[:, 2 * n :], own)
+    start, states = prior[own], np.array(value)
+    of_friction = np.array(covariance)[:, 2 * n :, 2 * n :]
+    moved = start + states[:, 2 * n :]
+    friction = Track(regressor.names[own], t, moved, of_friction)
     state = states[:, : 2 * n]
     return StatesAndFriction(recording.name, start, friction, state, innovation)
 

@@ -86,6 +86,15 @@ def equal_parts(rows: slice, count: int) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges) if b > a]
 
 
+def parts_within(group: np.ndarray, length: float) -> list[slice]:
+    """Parts of about a length [samples] within the groups of samples, (N,); at least one of each group."""
+    out = []
+    for rows in group_slices(group):
+        count = max(1, round((rows.stop - rows.start) / length))
+        out += equal_parts(rows, count)
+    return out
+
+
 # Friction of drives as columns: direction of motion, its memory at rest, Stribeck and saturating friction.
 
 
@@ -780,15 +789,9 @@ def pulled_solution(
 
 def stretches(group: np.ndarray) -> list[slice]:
     """Stretches of time within segments, at least ``FOLDS`` in all, of about equal length; two samples apart."""
-    segments = group_slices(group)
-    length = max(SHORTEST, len(group) // max(FOLDS, len(segments)))
-    out = []
-    # at least one part each: a short segment is a stretch of its own
-    for segment in segments:
-        count = max(1, round((segment.stop - segment.start) / length))
-        parts = equal_parts(segment, count)
-        out += [slice(p.start + 1, p.stop - 1) for p in parts if p.stop - p.start > 2]
-    return out
+    length = max(SHORTEST, len(group) // max(FOLDS, len(group_slices(group))))
+    parts = parts_within(group, length)
+    return [slice(p.start + 1, p.stop - 1) for p in parts if p.stop - p.start > 2]
 
 
 # Form of the friction and strength of the pull to the nominal arm, chosen by validation inside the fitted samples.

@@ -361,7 +361,7 @@ def _scaled(numbers: np.ndarray, size: int) -> np.ndarray:
     least, most = numbers.min(), numbers.max()
     if most == least:
         return np.full(len(numbers), size / 2)
-    return MARGIN + (size - 2 * MARGIN) / (most - least) * (numbers - least)
+    return np.interp(numbers, (least, most), (MARGIN, size - MARGIN))
 
 
 # The page of a fleet: ``fleet.html``.

@@ -613,7 +613,7 @@ FIRST_SCREEN_EFFECTS = 4
 LEARNT = ("rule", "interval", "line")
 """Kinds of regions that were learnt from the gap and hold a part of the motion."""
 
-ENGINE_NAMES = {"mujoco": "MuJoCo", "dart": "DART"}
+ENGINE_NAMES = {"mujoco": "MuJoCo"}
 """Engines as their makers write them."""
 
 FLOOR_SCALE = 4.0

@@ -75,7 +75,6 @@ def environment() -> jinja2.Environment:
         "significant": display.significant,
         "uncertain": display.uncertain,
         "compact": display.compact,
-        "three_digits": "{:.3g}".format,
         "unit": _unit,
         "effect_name": effect_name,
         "acts_on": acts_on,

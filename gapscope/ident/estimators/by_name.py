@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.arm.errors import InputError
+from gapscope.arm.nearest_name import check_known
 from gapscope.ident.estimators.linear import (
     Estimate,
     Estimator,
@@ -86,12 +86,7 @@ class Method(NamedTuple):
 
 def method(name: str) -> Method:
     """The method of a name; raises ``InputError`` if there is none."""
-    if name not in METHODS:
-        raise InputError(
-            f"unknown estimator {name!r}",
-            f"use {', '.join(METHODS)}",
-            where="--estimator",
-        )
+    check_known("estimator", name, METHODS, where="--estimator")
     return METHODS[name]
 
 

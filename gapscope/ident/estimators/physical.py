@@ -25,6 +25,7 @@ from gapscope.ident.model.physical_parameters import (
     check_links,
     from_log_cholesky,
     inconsistent,
+    link_count,
     log_cholesky_jacobian,
     not_negative,
     possible_least_squares,
@@ -67,7 +68,7 @@ def possible_arm(
         GapscopeError: the solver finds no solution.
     """
     check_samples(problem, full_rank=False)
-    if wrong := inconsistent(check_links(prior[: 10 * _links(base.names)])):
+    if wrong := inconsistent(check_links(prior[: 10 * link_count(base.names)])):
         raise InputError(
             f"the prior of link {wrong[0].link} is no physical body",
             "correct mass, centre of mass and inertia in the URDF, or use an estimator without bodies",
@@ -82,11 +83,6 @@ def possible_arm(
     )
     doubts = unit_warnings(problem, C @ prior) + warnings
     return finished(problem, C @ value, C @ covariance @ C.T, *doubts)
-
-
-def _links(names: Sequence[str]) -> int:
-    """Number L of links."""
-    return sum(name.rstrip("0123456789") == "m" for name in names)
 
 
 def _units(prior: np.ndarray, of_links: np.ndarray) -> np.ndarray:
@@ -119,7 +115,7 @@ def log_cholesky(
 
     Source: rucker2022.
     """
-    end = 10 * _links(names)
+    end = 10 * link_count(names)
     links, others = prior[:end].reshape(-1, 10), prior[end:]
     centre = np.append(to_log_cholesky(links), others)
     # the first four coordinates are logarithms, the other six lengths
@@ -176,7 +172,7 @@ def semidefinite(
 
     Source: wensing2018, lee2020.
     """
-    count = _links(names)
+    count = link_count(names)
     links = prior[: 10 * count].reshape(-1, 10)
     powers = np.repeat([0, 1, 2], [1, 3, 6])
     units = _units(prior, links[:, :1] * _radius(links) ** powers)
@@ -188,8 +184,7 @@ def semidefinite(
         np.append(torque - matrix @ prior, np.zeros(len(units))),
         units,
         prior,
-        count,
-        not_negative(names),
+        names,
         float(entropic),
     )
     precision = matrix.T @ matrix + np.diag((pulls / units) ** 2)

@@ -59,11 +59,6 @@ def inertial_parameters(matrix: np.ndarray) -> np.ndarray:
     return np.einsum("...ab,kab->...k", matrix, _DUAL)
 
 
-def is_consistent(parameters: np.ndarray) -> np.ndarray:
-    """Whether some body of positive mass density has these parameters, shape (..., 10) to (...)."""
-    return np.linalg.eigvalsh(pseudo_inertia(parameters))[..., 0] > 0.0
-
-
 def principal_moments(parameters: np.ndarray) -> np.ndarray:
     """Moments about the centre of mass [kg m^2], ascending, shape (..., 10) to (..., 3); NaN for a mass of 0."""
     matrix = pseudo_inertia(parameters)
@@ -215,13 +210,17 @@ def not_negative(names: Sequence[str]) -> list[int]:
     return [k for k, name in enumerate(names) if _NOT_NEGATIVE.fullmatch(name)]
 
 
+def link_count(names: Sequence[str]) -> int:
+    """Number of links whose bodies are among parameters."""
+    return sum(name.rstrip("0123456789") == "m" for name in names)
+
+
 def consistent(
     base: BaseParameters,
     beta: np.ndarray,
     information: np.ndarray,
     nominal: np.ndarray,
     penalty: np.ndarray,
-    links: int,
 ) -> Physical:
     """Consistent x that explains beta best, and lies nearest to the nominal one if beta leaves it open.
 
@@ -235,7 +234,6 @@ def consistent(
         information: H, inverse of the covariance of beta, shape (b, b).
         nominal: x0, shape (p,).
         penalty: w, shape (p,); positive.
-        links: number of links; x begins with ten parameters of each.
 
     Raises:
         GapscopeError: the solver finds no solution.
@@ -245,33 +243,27 @@ def consistent(
     C, left = base.combination, beta - base.combination @ nominal
     normal = C.T @ information @ C + np.diag(penalty)
     right = C.T @ information @ left
-    bounded = not_negative(base.names)
-    value = nearest_possible(normal, right, nominal, links, bounded)
+    value = nearest_possible(normal, right, nominal, base.names)
     # the least change in units of the pull that gives beta exactly
     unit = 1.0 / np.sqrt(penalty)
     free = nominal + unit * (np.linalg.pinv(C * unit) @ left)
-    return Physical(
-        value=value,
-        before=check_links(free[: 10 * links]),
-        after=check_links(value[: 10 * links]),
-    )
+    bodies = slice(10 * link_count(base.names))
+    return Physical(value, check_links(free[bodies]), check_links(value[bodies]))
 
 
 def nearest_possible(
     normal: np.ndarray,
     right: np.ndarray,
     nominal: np.ndarray,
-    links: int,
-    bounded: Sequence[int] = (),
+    names: Sequence[str],
 ) -> np.ndarray:
     """X that minimises (x - x0)^T N (x - x0) / 2 - r^T (x - x0), its bodies consistent, shape (p,).
 
     Args:
         normal: N, shape (p, p), positive definite.
         right: r, shape (p,).
-        nominal: x0, shape (p,); x begins with ten parameters of each link.
-        links: number of links.
-        bounded: places of x that may not be negative.
+        nominal: x0, shape (p,).
+        names: of the parameters; x begins with ten of each link.
 
     Raises:
         GapscopeError: the solver finds no solution.
@@ -282,14 +274,14 @@ def nearest_possible(
     root = np.linalg.cholesky(scaled + 1e-13 * np.eye(len(unit))).T
     target = np.linalg.solve(root.T, unit * right)
     free = nominal + unit * np.linalg.solve(root, target)
-    bodies = free[: 10 * links].reshape(-1, 10)
-    least = np.linalg.eigvalsh(_scaled(pseudo_inertia(bodies)))[:, 0]
+    links = link_count(names)
+    least = np.array([check.least for check in check_links(free[: 10 * links])])
     # no constraint is active: the semidefinite programme would only add its tolerance
     if (least >= FLOOR * _masses(nominal, links)).all() and (
-        free[list(bounded)] >= 0
+        free[not_negative(names)] >= 0
     ).all():
         return free
-    return possible_least_squares(root, target, unit, nominal, links, bounded)
+    return possible_least_squares(root, target, unit, nominal, names)
 
 
 def possible_least_squares(
@@ -297,8 +289,7 @@ def possible_least_squares(
     target: np.ndarray,
     unit: np.ndarray,
     nominal: np.ndarray,
-    links: int,
-    bounded: Sequence[int],
+    names: Sequence[str],
     entropic: float = 0.0,
 ) -> np.ndarray:
     """X = x0 + unit z, shape (p,), with z = argmin |A z - y|^2 / 2 + w sum_l (tr(J_l J_0l^-1) - log det J_l).
@@ -307,9 +298,8 @@ def possible_least_squares(
         root: A, shape (M, p).
         target: y, shape (M,).
         unit: of each parameter, shape (p,), in which they are of about the same size.
-        nominal: x0, shape (p,); x begins with ten parameters of each link.
-        links: number of links, each of which gets a body that is possible.
-        bounded: places of x that may not be negative.
+        nominal: x0, shape (p,).
+        names: of the parameters; x begins with ten of each link, which gets a body that is possible.
         entropic: w, how strongly each body J is drawn to the nominal one J_0 by the entropic divergence.
 
     Raises:
@@ -319,7 +309,8 @@ def possible_least_squares(
     """
     import cvxpy as cp  # takes a second to import, needed only here
 
-    bounded, mass = list(bounded), _masses(nominal, links)
+    links, bounded = link_count(names), not_negative(names)
+    mass = _masses(nominal, links)
     size = float(np.linalg.norm(target)) or 1.0
     change = cp.Variable(len(unit))
     x = nominal + size * cp.multiply(unit, change)
@@ -349,8 +340,7 @@ def possible_least_squares(
     if change.value is not None:
         out = nominal + size * unit * change.value
         out[bounded] = np.maximum(out[bounded], 0.0)
-    bodies = out[: 10 * links].reshape(-1, 10)
-    if change.value is None or not is_consistent(bodies).all():
+    if change.value is None or inconsistent(check_links(out[: 10 * links])):
         raise GapscopeError(
             f"no physically consistent parameters were found ({failure or problem.status})",
             "check the nominal masses and inertias, the unit of the torque and the joints' zeros",

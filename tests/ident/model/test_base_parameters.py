@@ -160,7 +160,7 @@ def test_each_check_fails_on_its_own_fault(failed: str) -> None:
 def possible(base: BaseParameters, beta: np.ndarray, nominal: np.ndarray) -> np.ndarray:
     """The possible body nearest to base parameters that are well known, with a little pull to the nominal one."""
     penalty, known = np.full(len(ONE_LINK), 1e-6), 1e6 * np.eye(base.count)
-    return consistent(base, base.of(beta), known, nominal, penalty, 1).value
+    return consistent(base, base.of(beta), known, nominal, penalty).value
 
 
 def test_possible_values_are_kept() -> None:
