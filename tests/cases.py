@@ -166,7 +166,6 @@ def panda_motion(
         limits(7, size, speed, 5.0 * speed),
         duration=duration,
         frequency=0.2,
-        order=5,
     )
 
 

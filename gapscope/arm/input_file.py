@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.constants import giga, mega
 
-from gapscope.arm.errors import LONGEST_SHOWN, InputError
+from gapscope.arm.errors import InputError
 
 LARGEST_DOCUMENT = 50 * mega
 """Size of the largest YAML, JSON, URDF or MJCF file that is read [bytes]; those of any arm have less than a tenth."""
@@ -172,7 +172,7 @@ def file_beside(folder: Path, name: object, source: Path, where: str) -> Path:
     inside = real_path(place).is_relative_to(real_path(folder))
     if Path(name).is_absolute() or not inside:
         raise InputError(
-            f"names {_shortened(name)}, which leads out of its folder",
+            f"names {name}, which leads out of its folder",
             _BESIDE,
             file=source,
             where=where,
@@ -191,10 +191,6 @@ def _status(path: Path) -> os.stat_result | str:
         return error.strerror or "it cannot be reached"
     except ValueError:
         return "a name with a null byte"
-
-
-def _shortened(name: str) -> str:
-    return name if len(name) <= LONGEST_SHOWN else f"{name[:100]} ... {name[-50:]}"
 
 
 # Files that a library reads: of bounded size once unpacked, with one answer to whatever is wrong with them.

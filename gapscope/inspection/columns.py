@@ -79,13 +79,11 @@ class Meaning:
     Attributes:
         quantity: a key of ``QUANTITIES``, or empty if the name does not say.
         reference: whether it was asked for, in place of measured.
-        sensor: whether a joint torque sensor is named.
         words: of the name, lower case.
     """
 
     quantity: str
     reference: bool
-    sensor: bool
     words: frozenset[str]
 
 
@@ -108,7 +106,7 @@ def meaning_of(name: str, context: str = "") -> Meaning:
     asked = bool(own & REFERENCE) or (
         bool(around & REFERENCE) and not own & {"actual", "measured", "feedback"}
     )
-    return Meaning(found, asked, bool(own & SENSOR), frozenset(own))
+    return Meaning(found, asked, frozenset(own))
 
 
 def words_of(name: str) -> set[str]:
@@ -562,6 +560,12 @@ class ChannelGuess:
         return "; ".join(filter(None, said))
 
 
+def first_of_each(guesses: Sequence[ChannelGuess]) -> dict[str, ChannelGuess]:
+    """The first columns taken for each channel, by its name."""
+    # reversed: the first of each channel stays
+    return {guess.channel: guess for guess in reversed(guesses)}
+
+
 def channels_of_table(
     groups: Sequence[ColumnGroup], layout: Layout | None, time: TimeGuess, context: str
 ) -> list[ChannelGuess]:
@@ -589,8 +593,7 @@ def channels_of_table(
         if channel and group.pattern not in taken:
             why = group.seen or BY_NAME
             found.append(ChannelGuess(channel, group, "", why, role))
-    # reversed: the first of each channel stays
-    first = {guess.channel: guess.group for guess in reversed(found)}
+    first = {name: guess.group for name, guess in first_of_each(found).items()}
     # references alone say the unit of positions as well
     positions = first.get("q", first.get("q_ref"))
 
@@ -640,7 +643,7 @@ def _channel(meaning: Meaning) -> tuple[str, str]:
     asked, quantity = meaning.reference, meaning.quantity
     if quantity in ("position", "velocity"):
         return ("q" if quantity == "position" else "dq") + "_ref" * asked, ""
-    if quantity == "torque" and meaning.sensor:
+    if quantity == "torque" and meaning.words & SENSOR:
         return "tau_sensor", ""
     if quantity == "torque" and not asked and meaning.words & {"cur", "current"}:
         return "tau", "derived from current"

@@ -56,6 +56,7 @@ from gapscope.inspection.columns import (
     TimeGuess,
     channels_of_table,
     columns_by_values,
+    first_of_each,
     guess_time,
     sorted_columns,
 )
@@ -94,14 +95,13 @@ class InspectedTable:
     @property
     def shape(self) -> tuple[object, ...]:
         """What tables of several logs of one kind share: topic, and the columns taken for each channel."""
-        # reversed, so that the first of each channel is the one that stays
-        first = {guess.channel: guess.group for guess in reversed(self.channels)}
-        taken = ((name, group.pattern, group.labels) for name, group in first.items())
+        first = first_of_each(self.channels).items()
+        taken = ((name, x.group.pattern, x.group.labels) for name, x in first)
         return (self.part.name, *sorted(taken))
 
     def best(self, channel: str) -> ChannelGuess | None:
         """The first columns taken for a channel."""
-        return next((g for g in self.channels if g.channel == channel), None)
+        return first_of_each(self.channels).get(channel)
 
     def of_another_arm(self, taken: Collection[str], n_joints: int) -> str:
         """Positions beside the columns taken, if there are as many as the arm has joints, in words; else empty."""
@@ -173,7 +173,7 @@ def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
     if (values >= 0).all():
         facts.append("it is never negative: a magnitude, whose sign is lost")
     facts += _multiples(torque, table.channels)
-    first = {guess.channel: guess for guess in reversed(table.channels)}
+    first = first_of_each(table.channels)
     # this column as the torque, whatever else was taken for it
     recording = _as_recorded(table, [*first.values(), replace(torque, channel="tau")])
     if recording is None or recording.tau is None:

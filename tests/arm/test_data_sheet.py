@@ -9,7 +9,8 @@ import pytest
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.write_case import write_case
+from gapscope.arm.io.table import numbered
+from gapscope.arm.io.write_case import write_case, write_columns
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm, coupling_entries
 from gapscope.arm.robots import load_nominal_arm
@@ -93,10 +94,7 @@ def test_a_case_keeps_the_coupling_of_its_logs_transmission(tmp_path) -> None:
     """Read from motor angles, written on the joints' side: the declaration moves to the data sheet."""
     t = np.arange(150) / 100
     q = 0.1 * np.sin(t)[:, None] * np.ones(7)
-    columns = np.hstack([t[:, None], q, q])
-    names = ["t", *(f"q{j}" for j in range(1, 8)), *(f"tau{j}" for j in range(1, 8))]
-    text = [",".join(names), *(",".join(map(repr, row)) for row in columns.tolist())]
-    (tmp_path / "log.csv").write_text("\n".join(text))
+    write_columns(numbered({"t": t, "q": q, "tau": q}), tmp_path / "log.csv")
     (tmp_path / "case.yaml").write_text(
         "name: wrist\nrobot: kuka_iiwa\nrecordings: [log.csv]\nimport: {transmission: "
         "{ratios: [10, 10, 10, 10, 10, 10, 20], coupling: [{motor: 7, joint: 6, ratio: 10}]}}\n"

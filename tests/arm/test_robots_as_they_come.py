@@ -14,7 +14,8 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
-from gapscope.arm.io.write_case import write_case
+from gapscope.arm.io.table import numbered
+from gapscope.arm.io.write_case import write_case, write_columns
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import (
     KNOWN_ROBOTS,
@@ -179,9 +180,9 @@ def test_a_case_in_a_larger_tree_reads_back_as_the_same_arm(tmp_path: Path) -> N
 def test_a_locked_joint_stands_at_the_mean_of_a_column(tmp_path: Path) -> None:
     robot(tmp_path, TORSO, ARM, FINGERS)
     t = np.arange(0, 2, 0.01)
-    columns = np.column_stack([t, *[np.sin(t)] * 4, 0.3 + 0 * t])
-    header = "t,q1,q2,tau1,tau2,gripper"
-    np.savetxt(tmp_path / "a.csv", columns, delimiter=",", header=header, comments="")
+    both = np.sin(t)[:, None] * np.ones(2)
+    columns = numbered({"t": t, "q": both, "tau": both, "gripper": 0.3 + 0 * t})
+    write_columns(columns, tmp_path / "a.csv")
     text = "name: x\nrobot: robot.urdf\nchain: [torso, hand]\nrecordings: [a.csv]\n"
     (tmp_path / "case.yaml").write_text(text + "locked: {finger_1: gripper}\n")
     found = load_case(tmp_path).arm.locked

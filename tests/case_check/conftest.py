@@ -11,6 +11,8 @@ import yaml
 from arms import Link, written
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.table import numbered
+from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.robots import load_nominal_arm
 
 LINKS = (
@@ -62,20 +64,13 @@ def make_case(tmp_path: Path) -> Callable[..., Path]:
             dq = np.gradient(q, t, axis=0)
             ddq = np.gradient(dq, t, axis=0)
             tau = body.inverse_dynamics(q, dq, ddq) + arm.armature * ddq
-            tau += arm.coulomb * np.tanh(dq / 0.005) + arm.viscous * dq
-            tau += 0.05 * np.random.default_rng(number).standard_normal(tau.shape)
-            table = {"t": t}
-            for name, series in (("q", q), ("dq", dq), ("q_ref", q), ("tau", tau)):
-                table |= {f"{name}{j + 1}": series[:, j] for j in range(2)}
+            tau += arm.friction(dq) + 0.05 * np.random.default_rng(
+                number
+            ).standard_normal(tau.shape)
+            table = numbered({"t": t, "q": q, "dq": dq, "q_ref": q, "tau": tau})
             spoil(table)
             names.append(f"recording_{number}.csv")
-            np.savetxt(
-                tmp_path / names[-1],
-                np.column_stack(list(table.values())),
-                delimiter=",",
-                header=",".join(table),
-                comments="",
-            )
+            write_columns(table, tmp_path / names[-1])
         content = {
             "name": "two",
             "robot": "robot.urdf",

@@ -305,7 +305,6 @@ def motion(seed: int, frequency: float = 0.2, duration: float = 10.0) -> Fourier
         duration=duration,
         centre=centre,
         frequency=frequency,
-        order=5,
     )
 
 

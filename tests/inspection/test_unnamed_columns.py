@@ -15,6 +15,7 @@ from test_inspect_logs import drafted
 
 from gapscope.arm.case import load_case
 from gapscope.arm.io.log import open_log
+from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
@@ -203,13 +204,7 @@ def test_names_that_tell_nothing_are_passed_over(names, slide, tmp_path):
     volts = (95 * np.gradient(dq, t) + 200 * dq + 20 * np.tanh(dq / 1e-3)) / 35
     pulse = np.where(t % 7 < 0.3, 5.0, 0.0)
     log = tmp_path / "drive.csv"
-    np.savetxt(
-        log,
-        np.column_stack([t, q, q_ref, volts, pulse]),
-        delimiter=",",
-        header=",".join(names),
-        comments="",
-    )
+    write_columns(dict(zip(names, (t, q, q_ref, volts, pulse), strict=True)), log)
     found = judge_torques(inspected([log], slide))
     chosen = {name: guess.group.names for name, (_, guess) in found.chosen.items()}
     assert chosen == {"q": (names[1],), "q_ref": (names[2],), "tau": (names[3],)}

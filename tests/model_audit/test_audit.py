@@ -17,6 +17,8 @@ import gapscope
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import schema
+from gapscope.arm.io.table import numbered
+from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.robots import load_nominal_arm, shifted_arm, shifted_text
 from gapscope.model_audit.audit import audit_model, check_static, static_poses
 
@@ -333,12 +335,8 @@ def recorded(folder: Path, q: np.ndarray, tau: np.ndarray) -> Path:
 
 
 def logged(folder: Path, q: np.ndarray, tau: np.ndarray) -> Path:
-    heads = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 8))]
-    table, path = (
-        np.column_stack([np.arange(len(q)) / RATE, q, tau]),
-        folder / "static.csv",
-    )
-    np.savetxt(path, table, delimiter=",", header=",".join(heads), comments="")
+    path, t = folder / "static.csv", np.arange(len(q)) / RATE
+    write_columns(numbered({"t": t, "q": q, "tau": tau}), path)
     return path
 
 

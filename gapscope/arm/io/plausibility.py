@@ -233,39 +233,34 @@ def check_positions(
     Raises:
         InputError: a joint with limits moves far outside them and beyond 7 rad, a slide beyond 0.7 m.
     """
-    notes = []
-    lowest, highest = RigidBody(arm).position_limits()
-    for j, joint in enumerate(arm.joints):
-        lower, upper = lowest[j], highest[j]
-        low, high = recording.q[:, j].min(), recording.q[:, j].max()
-        unit = joint_unit("rad", arm.sliding[j])
-        range_text = (
-            f"q{j + 1} goes from {low:.4g} to {high:.4g}, "
-            f"{joint} is limited to {lower:.4g} to {upper:.4g} {unit}"
+    notes, q = [], recording.q
+    joints = (arm.joints, arm.sliding, arm.per_radian)
+    limits = RigidBody(arm).position_limits()
+    ranges = zip(*joints, *limits, q.min(axis=0), q.max(axis=0), strict=True)
+    for j, (joint, slides, size, lower, upper, low, high) in enumerate(ranges, 1):
+        said = (
+            f"q{j} goes from {low:.4g} to {high:.4g}, "
+            f"{joint} is limited to {lower:.4g} to {upper:.4g} {joint_unit('rad', slides)}"
         )
-        reach, size = max(abs(low), abs(high)), arm.per_radian[j]
-        allowed = max(abs(lower), abs(upper))
+        reach, allowed = max(-low, high), max(abs(lower), abs(upper))
         # beyond a turn and far outside the limits: another unit or side, not a bad limit
         if reach > 7 * size and reach > 1.5 * allowed and not any_unit:
-            guess, words = (
-                ("mm", "millimetres") if arm.sliding[j] else ("deg", "degrees")
-            )
-            fits = reach * UNITS[guess] <= 1.2 * allowed
             remedy = "check the unit, the order of the joints and the transmission in the case's import section"
-            if fits:
-                range_text += f": looks like {words}"
+            unit, words = ("mm", "millimetres") if slides else ("deg", "degrees")
+            if reach * UNITS[unit] <= 1.2 * allowed:
+                said += f": looks like {words}"
                 remedy = (
-                    f"say in the case: import: {{q: {{column: ..., unit: {guess}}}}}"
+                    f"say in the case: import: {{q: {{column: ..., unit: {unit}}}}}"
                 )
             raise InputError(
-                range_text,
+                said,
                 f"{remedy}; {DIAGNOSE_FIRST}",
                 file=table.path,
-                where=f"column q{j + 1}",
+                where=f"column q{j}",
             )
         # an arm with another zero is a little beyond its limits: noted, not refused
         if low < lower - 0.1 * size or high > upper + 0.1 * size:
-            notes.append(f"{range_text}: check unit, offset and order of the joints")
+            notes.append(f"{said}: check unit, offset and order of the joints")
     return tuple(notes)
 
 

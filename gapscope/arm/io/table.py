@@ -335,21 +335,26 @@ class Damage:
         Raises:
             InputError: it is too much.
         """
-        if self.sound.all():
+        lost, pauses, scattered = ~self.sound, self.pauses, self.scattered
+        total = len(lost)
+        if not lost.any():
             return ()
-        pauses, scattered = self.pauses, self.scattered
-        count, total = int(scattered.sum()), len(scattered)
-        if not (self.few and self.sound.any()):
-            raise self._error(table)
+        if lost.all() or not self.few:
+            said = self._said(np.flatnonzero(lost).tolist())
+            raise InputError(
+                f"{lost.sum()} of {total} rows cannot be read: {said}",
+                f"up to {1 - MOST:.0%} of the rows are left out; repair the file, or say null in the import: section "
+                "for a channel that lacks values; a missing value is never guessed",
+                file=table.path,
+            )
         notes = []
-        if count:
+        if count := int(scattered.sum()):
             said = self._said(np.flatnonzero(scattered).tolist())
             notes.append(f"{DAMAGED}{count} of {total} ({count / total:.2%}): {said}")
         if pauses:
-            lost = sum(rows.stop - rows.start for rows in pauses)
             blocks = "1 block" if len(pauses) == 1 else f"{len(pauses)} blocks"
             said = self._said([rows.start for rows in pauses])
-            notes.append(f"{PAUSE}{lost} of {total} in {blocks}: {said}")
+            notes.append(f"{PAUSE}{lost.sum() - count} of {total} in {blocks}: {said}")
         return tuple(notes)
 
     def _said(self, rows: Sequence[int]) -> str:
@@ -360,19 +365,6 @@ class Damage:
         ]
         more = len(rows) - len(named)
         return "; ".join([*named, *([f"and {more} more"] if more else [])])
-
-    def _error(self, table: Table) -> InputError:
-        wrong = np.flatnonzero(~self.sound).tolist()
-        said = self._said(wrong)
-        remedy = (
-            f"up to {1 - MOST:.0%} of the rows are left out; repair the file, or say null in the import: section "
-            "for a channel that lacks values; a missing value is never guessed"
-        )
-        return InputError(
-            f"{len(wrong)} of {len(self.bad)} rows cannot be read: {said}",
-            remedy,
-            file=table.path,
-        )
 
 
 def damage(table: Table, columns: Iterable[str], time: str | None = None) -> Damage:

@@ -41,11 +41,12 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
             file=path,
         )
     channels = {"t": recording.stamps, **recording.channels}
+    if path.suffix == ".csv":
+        write_columns(numbered(channels), path)
+        return path
     with atomic_write(path) as aside:
         if path.suffix == ".npz":
             np.savez_compressed(aside, allow_pickle=False, **channels)
-        elif path.suffix == ".csv":
-            _write_csv(numbered(channels), aside)
         else:
             import pyarrow as pa
             import pyarrow.parquet as pq
@@ -60,17 +61,14 @@ def write_columns(columns: dict[str, np.ndarray], path: str | Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
-    with atomic_write(path) as aside:
-        _write_csv(columns, aside)
-
-
-def _write_csv(columns: dict[str, np.ndarray], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    with (
+        atomic_write(path) as aside,
+        aside.open("w", newline="", encoding="utf-8") as file,
+    ):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(
-            zip(*(column.tolist() for column in columns.values()), strict=True)
-        )
+        writer.writerows(rows)
 
 
 def write_case(

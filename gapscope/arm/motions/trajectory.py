@@ -129,6 +129,8 @@ def urdf_limits(
     )
 
 
+HARMONICS = 5
+"""Of a random Fourier series."""
 _WINDOW = BPoly.from_derivatives([0, 1], [[0, 0, 0, 0], [1, 0, 0, 0]])
 """35 x^4 - 84 x^5 + 70 x^6 - 20 x^7: from 0 to 1, with three derivatives of zero at both ends."""
 
@@ -165,7 +167,6 @@ class Fourier(Timed):
         duration: float,
         frequency: float,
         centre: np.ndarray | None = None,
-        order: int = 5,
         ramp: float = 1.0,
     ) -> Fourier:
         """A random motion, per joint as large as the limits allow at every sample of 1 ms.
@@ -175,7 +176,6 @@ class Fourier(Timed):
             limits: position, velocity and acceleration limits.
             duration: [s], at least twice ``ramp``.
             centre: q0 [rad], shape (n,); the middle of the position limits if ``None``.
-            order: number of harmonics.
             frequency: base frequency f [Hz].
             ramp: length of the window's flanks [s].
 
@@ -196,9 +196,9 @@ class Fourier(Timed):
                 f"joint {int(room.argmin()) + 1} lies outside its limits",
                 where="centre",
             )
-        harmonics = np.arange(1, order + 1)[:, None]
+        harmonics = np.arange(1, HARMONICS + 1)[:, None]
         # 1 / k: high harmonics would take up the acceleration and make no way
-        sine, cosine = rng.standard_normal((2, order, len(centre))) / harmonics
+        sine, cosine = rng.standard_normal((2, HARMONICS, len(centre))) / harmonics
         unit = cls(np.zeros_like(centre), sine, cosine, frequency, duration, ramp)
         # the motion is linear in its coefficients, so the tightest limit gives their scale
         t = np.linspace(0.0, duration, round(1e3 * duration) + 1)
