@@ -13,28 +13,10 @@ import numpy as np
 import yaml
 from common import CASES, command_line
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
-from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.many.batch import diagnose_path
-
-
-def tx40_parameters(case: Case, found: Diagnosis) -> None:
-    """Print friction and rotor inertia beside the published values."""
-    path = case.arm.urdf.parent / "TX40_config.yaml"
-    published = yaml.safe_load(path.read_text(encoding="utf-8"))["identification"][
-        "robot_params"
-    ][0]
-    for name, parameter, key in (
-        ("viscous_friction", "coefficient", "fv"),
-        ("coulomb_friction", "torque", "fs"),
-        ("armature", "inertia", "Ia"),
-    ):
-        values = CorrectedArm(case.arm, found.effects).value(name, parameter)
-        print(
-            f"  {name:17} found {np.round(values, 3).tolist()}  published {published[key]}"
-        )
 
 
 def main() -> None:
@@ -63,7 +45,18 @@ def main() -> None:
             }
             print(f"  {applied.name} {list(applied.joints)} {values}")
         if case.name == "staubli_tx40":
-            tx40_parameters(case, found)
+            # friction and rotor inertia beside the published values
+            path = case.arm.urdf.parent / "TX40_config.yaml"
+            content = yaml.safe_load(path.read_text(encoding="utf-8"))
+            published = content["identification"]["robot_params"][0]
+            arm = CorrectedArm(case.arm, found.effects)
+            for name, parameter, key in (
+                ("viscous_friction", "coefficient", "fv"),
+                ("coulomb_friction", "torque", "fs"),
+                ("armature", "inertia", "Ia"),
+            ):
+                values = np.round(arm.value(name, parameter), 3).tolist()
+                print(f"  {name:17} found {values}  published {published[key]}")
         print()
 
 

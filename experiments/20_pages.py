@@ -12,7 +12,6 @@
 
 from __future__ import annotations
 
-import argparse
 import ast
 import json
 import re
@@ -21,7 +20,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from common import run_part
+from common import command_line, run_part
 
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.effect import Effect
@@ -94,7 +93,7 @@ def families() -> list[str]:
 
 def catalogue() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=catalogue.__doc__)
+    parser = command_line(catalogue.__doc__)
     parser.add_argument("family", nargs="?", choices=[*families(), "faults"])
     wanted = parser.parse_args().family
     tables = {name: [EFFECT_HEAD] for name in families()} | {"faults": [FAULT_HEAD]}
@@ -259,9 +258,8 @@ def _example(value: Schema) -> str:
 
 def reference() -> None:
     """Write the pages, or compare them."""
-    parser = argparse.ArgumentParser(description=reference.__doc__)
-    parser.add_argument("--check", action="store_true", help="write nothing")
-    check = parser.parse_args().check
+    options = command_line(reference.__doc__, check=(False, "write nothing"))
+    check = options.parse_args().check
     PAGES.mkdir(exist_ok=True)
     schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
     for name, text in pages(schema).items():
@@ -308,7 +306,7 @@ def scripts_page() -> str:
 
 def scripts() -> None:
     """Write the table of scripts."""
-    argparse.ArgumentParser(description=scripts.__doc__).parse_args()
+    command_line(scripts.__doc__).parse_args()
     (ROOT / "experiments/README.md").write_text(scripts_page(), encoding="utf-8")
 
 

@@ -27,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fuzz"))
 
 import fuzz_run
 import fuzz_targets
+from common import command_line
 
 TOTAL = 1_000_000
 """Inputs in all, by default [1]."""
@@ -38,13 +39,14 @@ STUCK = 900.0
 
 def arguments() -> argparse.Namespace:
     """Of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--reader", action="append", choices=fuzz_targets.targets())
-    parser.add_argument("--inputs", type=int, help="in all of each reader")
-    parser.add_argument("--number", type=int, help="one input, with its traceback")
-    parser.add_argument("--chunk", type=int, nargs=2, help=argparse.SUPPRESS)
-    return parser.parse_args()
+    return command_line(
+        __doc__,
+        "out",
+        reader={"action": "append", "choices": fuzz_targets.targets()},
+        inputs=(int, "in all of each reader"),
+        number=(int, "one input, with its traceback"),
+        chunk={"type": int, "nargs": 2, "help": argparse.SUPPRESS},
+    ).parse_args()
 
 
 def chunk(name: str, first: int, last: int, progress: Path) -> dict[str, Any]:

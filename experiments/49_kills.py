@@ -133,11 +133,6 @@ def _urdf() -> str:
     return f'<robot name="three"><link name="link_0"/>{"".join(links)}</robot>'
 
 
-def bytes_in(folder: Path) -> int:
-    """Size of all files."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-
-
 def finals(folder: Path) -> list[str]:
     """Files with a final name, relative to the folder: neither they nor a folder of theirs are hidden."""
     if not folder.is_dir():
@@ -146,11 +141,6 @@ def finals(folder: Path) -> list[str]:
     return sorted(
         path.as_posix() for path in found if not any(p[0] == "." for p in path.parts)
     )
-
-
-def leftovers(folder: Path) -> list[str]:
-    """Hidden files and folders at or beside the results."""
-    return sorted(path.name for path in folder.parent.rglob(".*"))
 
 
 def cut_short(command: str, folder: Path, whole: list[Path]) -> list[str]:
@@ -297,7 +287,9 @@ def disturb(
     at = rng.randint(1, known["operations"])
     delay = rng.choice((0.0, rng.uniform(0.0, 0.02)))
     small = kind == "full disk"
-    size = int(rng.uniform(0.0, 1.0) * bytes_in(known["folders"][0]))
+    files = [x for x in known["folders"][0].rglob("*") if x.is_file()]
+    whole = sum(file.stat().st_size for file in files)
+    size = int(rng.uniform(0.0, 1.0) * whole)
     try:
         if small and ROOT:
             mount(place.parent, max(size, 8192))
@@ -321,7 +313,8 @@ def disturb(
             "code": first.returncode,
             "said": first.stderr[-400:],
             "lost": len(set(finals(known["folders"][0])) - there),
-            "left": leftovers(place),
+            # hidden files and folders at or beside the results
+            "left": sorted(path.name for path in place.parent.rglob(".*")),
             "faults": [
                 *(f"cut short: {file}" for file in cut),
                 *(f"traceback: {first.stderr[-600:]}" for _ in "1" if _trace(first)),

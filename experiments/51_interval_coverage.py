@@ -349,13 +349,12 @@ def main() -> None:
     plans = [*planned_simulated(arguments.rounds), *planned_carried()]
     truths = {out / "truth" / f"{plan.name}.json": plan for plan in plans}
 
-    def make_all() -> None:
-        # one after the other: the cases of a carrier share its identification
-        run_missing(lambda plan: make(plan, arguments.seed, out), truths, 1, LIMIT)
-
     study(
         arguments,
-        make=make_all,
+        # one after the other: the cases of a carrier share its identification
+        make=lambda: run_missing(
+            lambda plan: make(plan, arguments.seed, out), truths, 1, LIMIT
+        ),
         plans=lambda: plans,
         sides=lambda plan: (out / "cases" / plan.name, None),
         tables=lambda rows: tables(rows, out),

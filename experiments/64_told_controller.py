@@ -76,15 +76,11 @@ def made(number: int, folder: Path) -> dict[str, Any] | None:
     }
 
 
-def positions_alone(case: Case) -> Case:
-    """The case without torque and controller."""
-    bare = tuple(replace(r, tau=None) for r in case.recordings)
-    return replace(case, controller=None, recordings=bare, judged=())
-
-
 def told(case: Case) -> dict[str, Any]:
     """What is told of a case by positions and references."""
-    found = told_controller(positions_alone(case))
+    bare = tuple(replace(r, tau=None) for r in case.recordings)
+    case = replace(case, controller=None, recordings=bare, judged=())
+    found = told_controller(case)
     entry = found.entry()
     return {**entry, "gains": found.gains, "std": found.std}
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sqlite3
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -208,15 +209,9 @@ def rosbag(motion: Motion, folder: Path, mcap: bool) -> None:
             raw = store.serialize_cdr(message, CONTROLLER_STATE)
             writer.write(controller, whole + 500_000, raw)
     if not mcap:
-        _forget_definitions(next(folder.glob("*.db3")))
-
-
-def _forget_definitions(file: Path) -> None:
-    """What ROS 2 before Iron stores: no definitions of messages."""
-    import sqlite3
-
-    with sqlite3.connect(file) as content:
-        content.execute("DELETE FROM message_definitions")
+        # what ROS 2 before Iron stores: no definitions of messages
+        with sqlite3.connect(next(folder.glob("*.db3"))) as content:
+            content.execute("DELETE FROM message_definitions")
 
 
 def mcap_ros2(motion: Motion, path: Path) -> None:

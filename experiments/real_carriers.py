@@ -206,7 +206,13 @@ def load_carrier(arm: str, folder: Path) -> Case:
     case = load_case(file)
     recordings = tuple(_prepared(r) for r in case.recordings)
     case = replace(case, name=arm, recordings=recordings, judged=(), controller=None)
-    return _put_right(case) if arm == "kuka" else case
+    if arm != "kuka":
+        return case
+    # its torques count the other way than its URDF, whose friction is a placeholder
+    none = np.zeros(case.arm.n_joints)
+    turned = tuple(replace(r, tau=-r.tau) for r in recordings)
+    sheet = replace(case.arm, coulomb=none, viscous=none)
+    return replace(case, arm=sheet, recordings=turned)
 
 
 def _prepared(recording: Recording) -> Recording:
@@ -230,14 +236,6 @@ def _prepared(recording: Recording) -> Recording:
     names = ("q", "dq", "tau", "tau_sensor", "temperature")
     changed = {name: fewer(getattr(recording, name)) for name in names}
     return replace(recording, t=recording.t[::every], **changed)
-
-
-def _put_right(case: Case) -> Case:
-    """The KUKA: its torques count the other way than its URDF, whose friction is a placeholder."""
-    n = case.arm.n_joints
-    arm = replace(case.arm, coulomb=np.zeros(n), viscous=np.zeros(n))
-    turned = tuple(replace(r, tau=-r.tau) for r in case.recordings)
-    return replace(case, arm=arm, recordings=turned)
 
 
 LEGS = ("FL", "FR", "RL", "RR")

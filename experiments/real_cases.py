@@ -163,13 +163,6 @@ def _believable(scene: Scene, one: Injection, values: Values) -> bool:
     return True
 
 
-def compatible(first: str, second: str) -> bool:
-    """Whether two effects may stand in one case."""
-    alike = any({first, second} <= group for group in ALIKE)
-    faults = any(LAWS[name].stage == 7 for name in (first, second))
-    return first != second and not alike and not faults
-
-
 def inject(
     scene: Scene, injections: Sequence[Injection]
 ) -> tuple[Recording, list[dict[str, Any]]]:
@@ -295,7 +288,15 @@ def drawn(plan: Planned, seed: int, healthy: Scene) -> list[Injection]:
     for _ in range(PAIR_ATTEMPTS):
         names = [str(name) for name in rng.permutation(list(LAWS))]
         first = first_possible(names, plan.size, healthy, rng)
-        others = [n for n in names if compatible(first.law.name, n)]
+        # neither may be a fault, nor the two look alike
+        own = first.law
+        others = [
+            n
+            for n in names
+            if n != own.name
+            and 7 not in (own.stage, LAWS[n].stage)
+            and not any({own.name, n} <= group for group in ALIKE)
+        ]
         if others:
             return [first, first_possible(others, plan.size, healthy, rng)]
     raise RuntimeError(f"no pair of effects is possible on {plan.arm}")

@@ -57,21 +57,17 @@ Place = Callable[[Path], Measured]
 
 def points(settings: Settings) -> list[Point]:
     """Cheap ones first, so that much is stored early."""
-    places = named_cases(settings.quick) | sizes(settings.quick)
+    places = {}
+    # sample cases and real arms, as far as they are there
+    for kind, cases in {"sample": sample_cases(), "real": real_cases()}.items():
+        for case in cases[:1] if settings.quick else cases:
+            places[f"{kind} {case.name}"] = _given(case)
+    places |= sizes(settings.quick)
     places |= {f"case {case.name}": _given(case) for case in settings.cases}
     return [
         Point(name, partial(_measure, settings, name, place))
         for name, place in places.items()
     ]
-
-
-def named_cases(quick: bool = False) -> dict[str, Place]:
-    """Sample cases and real arms, as far as they are there."""
-    found = {}
-    for kind, cases in {"sample": sample_cases(), "real": real_cases()}.items():
-        for case in cases[:1] if quick else cases:
-            found[f"{kind} {case.name}"] = _given(case)
-    return found
 
 
 def sizes(quick: bool = False) -> dict[str, Place]:

@@ -106,19 +106,14 @@ def _closed_loop(
     return measured, torque
 
 
-def write_urdf(path: Path) -> Path:
-    """The pendulum without rotor and friction, hanging along -z and turning about y."""
-    across = LINK_INERTIA
-    path.write_text(
-        f"""<robot name="pendulum"><link name="base"/>
+URDF = f"""<robot name="pendulum"><link name="base"/>
   <link name="bob"><inertial><origin xyz="0 0 {-LEVER}"/><mass value="{MASS}"/>
-    <inertia ixx="{across}" iyy="{across}" izz="{across / 10}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <inertia ixx="{LINK_INERTIA}" iyy="{LINK_INERTIA}" izz="{LINK_INERTIA / 10}" ixy="0" ixz="0" iyz="0"/>
+  </inertial></link>
   <joint name="joint" type="revolute"><parent link="base"/><child link="bob"/><axis xyz="0 1 0"/>
     <limit lower="-3" upper="3" effort="100" velocity="20"/></joint></robot>
-""",
-        encoding="utf-8",
-    )
-    return path
+"""
+"""The pendulum without rotor and friction, hanging along -z and turning about y."""
 
 
 SECONDS, SHORT = 10.0, 6.0
@@ -160,7 +155,9 @@ def _compared(settings: Settings) -> list[Row]:
 def _fits(settings: Settings) -> dict[str, Fit]:
     """What is compared; ``mujoco.sysid`` last, as far as it can be installed."""
     settings.out.mkdir(parents=True, exist_ok=True)
-    arm = load_nominal_arm(write_urdf(settings.out / "pendulum.urdf"), sheet=SHEET)
+    path = settings.out / "pendulum.urdf"
+    path.write_text(URDF, encoding="utf-8")
+    arm = load_nominal_arm(path, sheet=SHEET)
     fits = {
         f"Gapscope, {estimator}": partial(_ours, arm, estimator) for estimator in OURS
     }

@@ -65,22 +65,16 @@ def _compared(settings: Settings, states: int) -> list[Row]:
             {name: loop() for name, loop in loops.items()}
             for _ in range(settings.rounds)
         ]
-    return [*_regressor_rows(rounds, states), *_base_rows(rounds, states)]
-
-
-def _regressor_rows(rounds: list[dict[str, Times]], states: int) -> list[Row]:
-    names = [name for name in rounds[0] if name != STREAMED]
-    times = {name: [r[name][0] for r in rounds] for name in names}
-    return compared(times, BARE, "µs a state", states * 1e-6, "regressor")
-
-
-def _base_rows(rounds: list[dict[str, Times]], states: int) -> list[Row]:
-    """Regressor and base parameters together, because the streamed form does not part them."""
-    names = [name for name in rounds[0] if name != BARE]
-    times = {name: [sum(r[name]) for r in rounds] for name in names}
-    yardstick = FIGAROH if FIGAROH in names else OURS
+    # the streamed form does not part regressor and base parameters
+    alone = {x: [r[x][0] for r in rounds] for x in loops if x != STREAMED}
+    both = {x: [sum(r[x]) for r in rounds] for x in loops if x != BARE}
+    per = "µs a state", states * 1e-6
+    yardstick = FIGAROH if FIGAROH in both else OURS
     what = "regressor and base parameters"
-    return compared(times, yardstick, "µs a state", states * 1e-6, what)
+    return [
+        *compared(alone, BARE, *per, "regressor"),
+        *compared(both, yardstick, *per, what),
+    ]
 
 
 def _bare(regressor: Regressor, motion: Motion) -> Times:
@@ -96,7 +90,7 @@ def _ours(regressor: Regressor, motion: Motion) -> Times:
     start = time.process_time()
     Y = regressor.matrix(motion)
     between = time.process_time()
-    base = base_parameters(_triangles(Y).factor().triangle, regressor.names)
+    base = base_parameters(weighted_factor(_triangles(Y)).triangle, regressor.names)
     base.expressions()
     np.take(Y.reshape(-1, Y.shape[2]), base.kept, axis=1)  # as FIGAROH does
     return between - start, time.process_time() - between

@@ -46,7 +46,9 @@ def loops(rate: float, seconds: float) -> Iterator[dict[str, Callable[[], object
                 return list(Watch(CorrectedArm(arm), settings).run())
 
         def read() -> object:
-            return sum(1 for _ in GrowingFile(file, Reading(arm, None)).poll())
+            return sum(
+                1 for _ in GrowingFile(file, Reading(arm, None), rest=0.0).poll()
+            )
 
         yield {WATCH: watch, READ: read}
 

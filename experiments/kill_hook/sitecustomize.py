@@ -60,11 +60,8 @@ def _watch(event: str, arguments: tuple[object, ...]) -> None:
             _disturb()
 
 
-def _write_count() -> None:
-    Path(COUNT).write_text(str(_operations), encoding="utf-8")
-
-
 if OUT and (AT or COUNT):
     if COUNT:
-        atexit.register(_write_count)
+        file = Path(COUNT)
+        atexit.register(lambda: file.write_text(str(_operations), encoding="utf-8"))
     sys.addaudithook(_watch)
