@@ -379,7 +379,8 @@ WINDOW = BLOCK + 2 * TRIM
 MIN_LEFT = 2.0
 """The end of a recording is used if this much of it is left [s]."""
 STILL = 1e-3
-"""A first motion in which no joint travels farther shows no band [rad]."""
+"""What a joint that stands still may travel [rad]: of that no band of a motion is known, and it is no slip. (physical)
+"""
 
 
 class SegmentStream:
@@ -443,6 +444,9 @@ class SegmentStream:
             following = int(np.searchsorted(own.t, begin + BLOCK))
             # on raw samples, before a filter smears them
             for jump in slips(own.part(slice(first, stop))):
+                # beside a joint at rest any count of its encoder stands out
+                if abs(jump.size) <= STILL:
+                    continue
                 k, joint = first + jump.sample, jump.joint + 1
                 before, after = float(own.t[k - 1]), float(own.t[k])
                 unit = joint_unit("rad", self._sliding[jump.joint])
