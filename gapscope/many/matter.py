@@ -71,9 +71,9 @@ def read_task(
         path = Path(task)
         if is_folder(path) or path.suffix == ".onnx":
             return path, (action, motions)
-        # a plan may hold no more than t and q, or references alone, as gapscope excite writes them
+        # a plan may hold no more than t and q, or, as gapscope excite writes it, references with accelerations
         columns = open_log(path).tables[0].columns
-        if "q_ref1" in columns and "q1" not in columns and case.importing is None:
+        if "ddq_ref1" in columns and "q1" not in columns:
             plan = read_sampled(path, case.arm.n_joints).motion
             task = Recording(path.name, plan.t, plan.q, q_ref=plan.q, dq_ref=plan.dq)
         else:

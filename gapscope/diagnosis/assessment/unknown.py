@@ -344,9 +344,8 @@ class Unknown:
         left2 = self.left / self.scale**2
         oscillates = np.array([p.oscillates for p in self.predictable])
         others2 = _others2(left2)
-        stands_out = (
-            self.follows2 > STANDS_OUT**2 * others2 * self.scale**2
-        ) | oscillates
+        above2 = STANDS_OUT**2 * others2 * self.scale**2
+        stands_out = (self.follows2 > above2) | oscillates
         least2, most2 = np.square(HEALTHY_REAL)
         lasting2 = np.maximum(left2 - self.white2, 0.0)
         lasts = (lasting2 > most2 / least2 * others2) & (lasting2 > UNKNOWN_TORQUE**2)
