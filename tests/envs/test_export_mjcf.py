@@ -130,6 +130,33 @@ def test_a_held_effect_moves_the_arm_as_it_does_in_the_simulator(
     assert after < ROUGH.get(name, EXACT) * before
 
 
+EDGE = applied("torque_saturation", 3, limit=9.0, corner_speed=0.2, no_load_speed=3.0)
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        (),
+        (applied("torque_scale", 3, scale=0.1), applied("torque_offset", 3, torque=1.0)),
+        (applied("actuator_delay", 3, delay=0.004), applied("actuator_lag", 3, time_constant=0.01)),
+    ],
+    ids=["alone", "scaled and offset", "late"],
+)  # fmt: skip
+def test_a_motor_at_its_edge_moves_the_arm_as_it_does_in_the_simulator(
+    arm: NominalArm, tmp_path: Path, others: tuple[AppliedEffect, ...]
+) -> None:
+    """Back-EMF takes torque from joint 3, as it does in MuJoCo's ``dcmotor``."""
+    without, with_it = (
+        gap(
+            in_mujoco(load(arm, x, tmp_path), TICKS),
+            on_the_arm(arm, (EDGE, *others), TICKS),
+        )
+        for x in (others, (EDGE, *others))
+    )
+    assert without > 1e-4
+    assert with_it < 0.03 * without
+
+
 class TestFriction:
     def test_holds_a_joint_at_rest(self, arm: NominalArm, tmp_path: Path) -> None:
         """Half of its Coulomb friction turns joint 3 by less than 1e-5 rad in a second; three halves turn it away."""

@@ -332,6 +332,7 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
         # MuJoCo applies a step's last torque throughout, which is early by half a step. The delay of its filter is
         # e / (1 - e) steps, with e = exp(-step / T'), at low frequency; it is T for T' = step / ln(1 + step / T)
         filter_time=lambda lag: step / np.log1p(step / lag),
+        quarter_turn=np.pi / 2,
         within=_within,
         teeth=(1 / (2 * np.pi * TOOTH_FREQUENCY * TOOTH_DAMPING), TOOTH_DAMPING),
     )
