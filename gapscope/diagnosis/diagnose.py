@@ -36,6 +36,7 @@ from gapscope.diagnosis.selection.undeclared_coupling import (
     UndeclaredCoupling,
     undeclared_coupling,
 )
+from gapscope.diagnosis.setup_faults.clocks import Quantisation
 from gapscope.diagnosis.setup_faults.detection import upright
 from gapscope.diagnosis.setup_faults.fault_search import common_factor
 from gapscope.diagnosis.thresholds import (
@@ -324,7 +325,11 @@ class SheetComparison(Document):
         known, largest = self.explained, WORSE**2 * INERTIAL_ERROR
         share = largest / max(self.sheet_error, largest)
         gap = self.gap(known.after - share * known.errors)
-        white2 = self.fit.contrast.error.white2
+        white2 = self.fit.contrast.error.white2.copy()
+        for found in self.prepared.faults:
+            # the rounding of an encoder leaves noise of any size
+            if isinstance(found.fault, Quantisation):
+                white2[np.array(found.fault.joints) - 1] = np.inf
         return unknown(gap, self.motion_rows, known.trust, known.scale, white2)
 
     @cached_property
@@ -411,9 +416,9 @@ class SheetComparison(Document):
     # What its document says in its own way.
 
     @property
-    def unknown2(self) -> np.ndarray:
-        """Mean square of the torque that has an unknown cause, over the scale's square [1], (n,)."""
-        return np.asarray(self.unknown.torque2 / self.explained.scale**2)
+    def unknown_joints(self) -> list[int]:
+        """Joints on which there is an unknown cause, from 1."""
+        return self.unknown.joints
 
     @property
     def predictable(self) -> list[Predictable]:

@@ -693,12 +693,10 @@ class ReferenceComparison(Document):
     # What its document says in its own way.
 
     @property
-    def unknown2(self) -> np.ndarray:
-        """What exceeds the floor where form error is larger than on the reference, and far above it, (n,)."""
-        gap = self.stages
-        grown = np.isin(range(len(gap.floor)), [j for j, *_ in self.fit.grown])
+    def unknown_joints(self) -> list[int]:
+        """Joints whose form error is larger than on the reference, and what they leave far above the floor, from 1."""
         far = self.times_floor >= SIGNIFICANT_RESIDUAL_RATIO
-        return np.where(grown & far, gap.corrected**2 - gap.floor**2, 0.0)
+        return sorted({j + 1 for j, *_ in self.fit.grown if far[j]})
 
     def warnings(self, reached: str) -> list[str]:
         """What makes the reference doubtful, and what the size of a load rests on."""

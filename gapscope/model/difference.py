@@ -911,6 +911,8 @@ class Search:
         # it stays, and what was weighed instead competes with it
         competing = {frozenset(without.mine): without.total}
         for total, other, _ in proposed:
+            # as far from what it promises as when it was tried; what nobody fitted is not better than what was
+            total = min(total + self._beyond.get((one, other), 0.0), fit.total)
             competing.setdefault(frozenset([*without.mine, other]), total)
         for some, total in competing.items():
             self._totals[some] = max(total, self._totals.get(some, -np.inf))

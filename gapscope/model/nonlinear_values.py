@@ -324,7 +324,11 @@ class Scanner:
             inner, solved = own.of_others(others, products, back)
             squares = squares - _squares(split(back)) - _squares(split(inner))
             pull = pull - back.T @ contrast.solved - inner.T @ solved
-            gains.append(_evidence(squares, pull.reshape(k, count), unit))
+            if term.definition.limits:
+                # a limit has no size of its own: all that is beyond it is missing from what is needed
+                gains.append(-pull - squares[:, 0, 0] / 2)
+            else:
+                gains.append(_evidence(squares, pull.reshape(k, count), unit))
         # what both have is no difference: the value may be that of either
         return np.where(shown, np.nan_to_num(np.max(gains, axis=0)), 0.0)
 

@@ -110,8 +110,8 @@ class Document(Comparison):
         raise NotImplementedError
 
     @property
-    def unknown2(self) -> np.ndarray:
-        """Mean square of the torque that has an unknown cause, over the scale's square [1], (n,)."""
+    def unknown_joints(self) -> list[int]:
+        """Joints on which there is an unknown cause, from 1."""
         raise NotImplementedError
 
     @property
@@ -227,21 +227,20 @@ class Document(Comparison):
         return np.asarray(self.stages.corrected / self.stages.floor)
 
     def knows_most(self) -> bool:
-        """Whether what is named explains more of the gap, and of that of each joint, than what is unknown."""
-        gap, unknown2 = self.stages, self.unknown2
-        # a repaired fault explains all that it took away
-        before2 = np.maximum(gap.recorded, gap.repaired) ** 2
-        closed2 = np.clip(before2 - gap.corrected**2, 0.0, None)
-        most = unknown2.sum() <= closed2.sum()
-        return bool(most and (unknown2 <= closed2).all())
+        """Whether what is named closes more of the gap, and of that of each joint, than what is unknown leaves open."""
+        gap = self.stages
+        # a repaired fault closes all that it took away
+        closed = (np.maximum(gap.recorded, gap.repaired) - gap.corrected).clip(0)
+        unknown = np.isin(np.arange(len(closed)) + 1, self.unknown_joints)
+        left = np.where(unknown, gap.corrected - gap.floor, 0.0)
+        return bool(left.sum() <= closed.sum() and (left <= closed).all())
 
     # The document.
 
     def content(self) -> dict[str, Any]:
         """The whole document."""
         prepared, gap = self.prepared, self.stages
-        # zero where nothing is unknown
-        joints = [int(j) + 1 for j in np.flatnonzero(self.unknown2)]
+        joints = self.unknown_joints
         found, possible = (
             sorted(map(self._finding, names), key=lambda finding: -finding["share"])
             for names in (self.named, self.possible)
