@@ -7,11 +7,12 @@ the log of the number of values over those that do about as well.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
@@ -137,6 +138,7 @@ class Scanner:
             given: terms whose values are given.
         """
         found: dict[Term, Found] = {}
+        without_form = cache(_without_form)
         for term in own.design.terms.all:
             if not term.parametrisation.nonlinear or term in given:
                 continue
@@ -147,7 +149,10 @@ class Scanner:
                 # about its value if it is in use, else on the whole grid
                 in_use = any(one.term == term for one in chosen)
                 known = shapes[term][0] if in_use and term in shapes else None
-                best = self._on_joint(term, own, others, known)
+                # what a limit takes comes with the motion: as long as it is unknown, it passes for form error
+                limits = term.definition.limits
+                asked = without_form(own) if limits else own
+                best = self._on_joint(term, asked, others, known)
             if best is not None:
                 found[term] = best
         return found
@@ -174,7 +179,7 @@ class Scanner:
             [s.recorded_torque[:, j] for s in segments],
             float(self.arm.arm.per_radian[j]),
         )
-        limits, grid = term.definition.limits, fitted.grid
+        grid = fitted.grid
         assert grid is not None
 
         def asked(about: float | None) -> tuple[np.ndarray, np.ndarray]:
@@ -191,17 +196,11 @@ class Scanner:
             return values, self._gains(term, own, others, x, values)
 
         about, most = known, -np.inf
-        if limits and known is not None:
-            # beside a limit that is wrong evidence has another peak: the whole range is asked once more
-            values, gain = asked(None)
-            if not len(values):
-                return None
-            about = float(values[_likeliest(gain, inside=True)])
         while True:
             values, gain = asked(about)
             if not len(values):
                 return None
-            best = _likeliest(gain, inside=limits and about is None)
+            best = int(np.argmax(gain))
             at_end = about is not None and best in (0, len(values) - 1)
             # what is best at the end of the values about a known one may be better beyond
             if not at_end or gain[best] <= most:
@@ -479,17 +478,13 @@ def _spread(values: np.ndarray, best: float, gain: np.ndarray) -> float:
     return float(np.hypot(np.sqrt(weight @ (values - best) ** 2), least))
 
 
-def _likeliest(gain: np.ndarray, *, inside: bool) -> int:
-    """Place of the largest gain; if that is at an end and one inside is asked for, of the peak that stands out most.
-
-    What is possible of limits ends where they would cut off more: a gain that rises up to there is no peak. What stands
-    out by less than a nat is none either.
-    """
-    best = int(np.argmax(gain))
-    peaks, heights = find_peaks(gain, prominence=1.0)
-    if not inside or not len(peaks) or 0 < best < len(gain) - 1:
-        return best
-    return int(peaks[np.argmax(heights["prominences"])])
+def _without_form(own: OwnTerms) -> OwnTerms:
+    """The same beside what is shared and noise alone, without functions and form error."""
+    contrast = own.contrast
+    prior = contrast.design.prior.copy()
+    for place in itertools.chain.from_iterable(contrast.design.waves):
+        prior[place] = 0.0
+    return own.within(contrast.without_form(contrast.error.noise2, prior))
 
 
 def _peak(values: np.ndarray, gain: np.ndarray, best: int) -> float:

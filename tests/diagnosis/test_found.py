@@ -427,6 +427,15 @@ def test_the_floor_does_not_rise_to_the_gap(truth: Truth, most: float) -> None:
     assert max(document["gap"]["before"]["floor"]) < most
 
 
+def test_a_limit_is_found_beside_friction_that_peaks() -> None:
+    """The controller winds up: were any share lost beyond a limit, one at which most is would explain more."""
+    result = diagnosed(Truth(limit=on(2, 42.0), stribeck=on(2, 12.0)), duration=6.0)
+    both = [("stribeck_friction", (2,)), ("torque_saturation", (2,))]
+    assert named(result) == both
+    limit = next(e for e in result.document["effects"] if e["effect"] == both[1][0])
+    assert limit["parameters"]["limit"]["value"] == near(42.0, by=1.0)
+
+
 # What no effect explains.
 
 
@@ -436,6 +445,10 @@ def ripple(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
 
 def little_ripple(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
     return 0.4 * ripple(t, q, dq)
+
+
+def large_ripple(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    return 1.3 * ripple(t, q, dq)
 
 
 def one_sided_drag(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -463,6 +476,8 @@ def test_effect_outside_the_catalogue_is_unexplained_on_its_joint(extra: Any) ->
     [
         # joint 2 has an unknown cause, but friction explains more
         ((0.0, 4.0, 2.0), little_ripple, "effects_found", (2, 3)),
+        # friction closes less of the gap of joint 2 than stays open there
+        ((0.0, 4.0, 2.0), large_ripple, "unexplained", (2, 3)),
         ((4.0, 0.0, 2.0), little_ripple, "unexplained", (1, 3)),
         nightly(on(1, 1.0), ripple, "unexplained", (1,)),
     ],

@@ -101,7 +101,7 @@ def verdict(*, found: bool, unknown: bool, rejected: bool) -> Verdict:
 
     Args:
         found: an effect, a fault of the set-up or a change during a recording is named.
-        unknown: what is not named explains more of the gap than what is.
+        unknown: what is not named leaves more of the gap open than what is closes.
         rejected: an effect was found and rejected on held-out data.
     """
     # A rejected effect explained a gap in the recordings to which it was fitted: the gap exists, its cause is open.

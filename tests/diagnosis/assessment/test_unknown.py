@@ -164,6 +164,8 @@ def test_noise_of_one_joint_has_no_cause_however_large() -> None:
     error = low_pass(np.sqrt(RATE / 24.0) * size * white, RATE, 12.0)
     load, white2 = 20.0 * np.cos(at.q), (size / SCALE) ** 2
     assert of_gap(error, load, at, white2).joints == []
+    # an encoder that is read coarsely leaves noise of any size
+    assert of_gap(error, load, at, np.array([np.inf, *white2[1:]])).joints == []
     # of the same size, but not known as noise
     assert of_gap(error, load, at, white2[1]).joints == [1]
 
