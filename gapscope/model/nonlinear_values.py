@@ -206,6 +206,9 @@ class Scanner:
             if not at_end or gain[best] <= most:
                 break
             about, most = float(values[best]), float(gain[best])
+        # what all beyond a limit would make worse at any value was not lost
+        if term.definition.limits and gain[best] <= 0:
+            return None
         value = _peak(values, gain, best)
         return Found((value,), (_spread(values, value, gain),), _charge(gain))
 

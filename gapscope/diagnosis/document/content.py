@@ -227,13 +227,22 @@ class Document(Comparison):
         return np.asarray(self.stages.corrected / self.stages.floor)
 
     def knows_most(self) -> bool:
-        """Whether what is named closes more of the gap, and of that of each joint, than what is unknown leaves open."""
+        """Whether what is named closes more of the gap than what is unknown leaves open, and more of the torque's square
+        of each joint.
+        """
         gap = self.stages
         # a repaired fault closes all that it took away
-        closed = (np.maximum(gap.recorded, gap.repaired) - gap.corrected).clip(0)
-        unknown = np.isin(np.arange(len(closed)) + 1, self.unknown_joints)
-        left = np.where(unknown, gap.corrected - gap.floor, 0.0)
-        return bool(left.sum() <= closed.sum() and (left <= closed).all())
+        before = np.maximum(gap.recorded, gap.repaired)
+        unknown = np.isin(np.arange(len(before)) + 1, self.unknown_joints)
+        floor = np.where(unknown, gap.floor, gap.corrected)
+
+        def rest(power: int) -> np.ndarray:
+            """What is closed less what stays open, each not below zero, by joint."""
+            stages = (x**power for x in (before, gap.corrected, floor))
+            first, last, least = stages
+            return np.asarray((first - last).clip(0) - (last - least).clip(0))
+
+        return bool(rest(1).sum() >= 0 and (rest(2) >= 0).all())
 
     # The document.
 
