@@ -73,7 +73,7 @@ LOAD_SIZE = 3.0
 """Largest prior deviation of an effect, in RMS torque over the joint's scale [1]. (physical)"""
 FORM_OF_FOUND = 0.1
 """Share of its torque by which a law that is found differs from the catalogue's form [1]. (hand)"""
-ROUNDS = 4
+ROUNDS = 6
 """Searches, each with noise and form error beside what the last one found. (budget)"""
 STARTS_FITTED, STARTS_TRIED = 2, 60
 """Compliant joints that are fitted, and values that are simulated of each. (budget)"""
@@ -185,6 +185,7 @@ class SheetSearch(Search):
             torque: what that does, over the joints' scale, (M, n).
         """
         known = known or {}
+        seen: set[frozenset[Candidate]] = set()
         # a round: the search beside noise and form error that leave out what is known
         for _ in range(ROUNDS):
             fit = self._beside(known, torque)
@@ -197,6 +198,12 @@ class SheetSearch(Search):
                 break
             # what bends is known from now on: the next round looks beside it
             fit = bent or fit
+            # each beside the noise of the other: of sets that take turns the one that was likelier beforehand
+            likely = self._weigher(fit.own).odds
+            if frozenset(fit.mine) in seen and likely(fit.mine) >= likely(list(known)):
+                known = fit.values
+                break
+            seen.add(frozenset(fit.mine))
             known, torque = fit.values, self._torque(self.least_squares(fit))
             # nature's form of a law differs a little: so much torque may be that
             self._sized = {one.term: self._size(fit, one) for one in fit.mine}
