@@ -97,16 +97,20 @@ def set_parameters(link: ET.Element, parameters: np.ndarray) -> None:
     # the file's own origin and axes go: all is said in the link's frame
     for old in link.findall("inertial"):
         link.remove(old)
-    if not np.any(parameters):
-        return
-    inertia = pin.Inertia.FromDynamicParameters(np.asarray(parameters, dtype=float))
-    # a symmetric matrix: its six numbers, in URDF's order
-    six = map(repr, inertia.inertia[np.triu_indices(3)].tolist())
+    if np.any(parameters):
+        body = pin.Inertia.FromDynamicParameters(np.asarray(parameters, dtype=float))
+        link.insert(0, inertial_element(body.mass, body.lever, body.inertia))
+
+
+def inertial_element(mass: float, com: np.ndarray, moments: np.ndarray) -> ET.Element:
+    """An ``<inertial>`` in its link's frame: mass [kg], centre [m], (3,), and moments about it [kg m^2], (3, 3)."""
     inertial = ET.Element("inertial")
-    ET.SubElement(inertial, "origin", xyz=numbers(inertia.lever), rpy="0 0 0")
-    ET.SubElement(inertial, "mass", value=repr(float(inertia.mass)))
+    ET.SubElement(inertial, "origin", rpy="0 0 0", xyz=numbers(com))
+    ET.SubElement(inertial, "mass", value=repr(float(mass)))
+    # a symmetric matrix: its six numbers, in URDF's order
+    six = map(repr, moments[np.triu_indices(3)].tolist())
     ET.SubElement(inertial, "inertia", dict(zip(MOMENTS, six, strict=True)))
-    link.insert(0, inertial)
+    return inertial
 
 
 def possible(parameters: np.ndarray) -> bool:
