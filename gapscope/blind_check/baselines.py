@@ -13,6 +13,7 @@ from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.root_mean_square import rms
+from gapscope.diagnosis.document.wording import Document
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
@@ -184,7 +185,7 @@ NAMES = (*CATALOGUE, *FAULTS)
 """What chance draws from."""
 
 
-def chance(n_joints: int, rng: np.random.Generator) -> dict[str, Any]:
+def chance(n_joints: int, rng: np.random.Generator) -> Document:
     """Any effect on any joint, no gap, or unexplained, each as likely."""
     # two more draws: the answers that name nothing
     drawn = int(rng.integers(len(NAMES) + 2))
@@ -198,7 +199,7 @@ def chance(n_joints: int, rng: np.random.Generator) -> dict[str, Any]:
     return answer("effects_found", [(name, joints)])
 
 
-def largest_r2(design: Design) -> dict[str, Any]:
+def largest_r2(design: Design) -> Document:
     """The one effect whose columns leave the smallest residual."""
     if design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
@@ -212,7 +213,7 @@ def largest_r2(design: Design) -> dict[str, Any]:
     return answer("effects_found", [(best, _joints(design, places, weights))])
 
 
-def forward_bic(design: Design) -> dict[str, Any]:
+def forward_bic(design: Design) -> Document:
     """Columns one by one, the best first, as long as Bayes' information criterion falls."""
     chosen: list[int] = []
     total = float(design.gap @ design.gap)
@@ -245,7 +246,7 @@ def _bic(residual: np.ndarray, terms: int) -> float:
     return float(count * np.log(mean_square) + terms * np.log(count))
 
 
-def ridge(design: Design) -> dict[str, Any]:
+def ridge(design: Design) -> Document:
     """All columns at once with a quadratic penalty; effects whose part of the gap is long enough are named."""
     if design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
@@ -271,7 +272,7 @@ def ridge(design: Design) -> dict[str, Any]:
 
 def answer(
     verdict: str, effects: Sequence[tuple[str, list[int]]], probability: float = 1.0
-) -> dict[str, Any]:
+) -> Document:
     """A verdict in the form of ``diagnosis.json``, as far as the scorer reads it."""
     return {
         "verdict": verdict,
@@ -365,7 +366,7 @@ def features(design: Design) -> np.ndarray:
     return np.concatenate([residual, best, size, [entropy]])
 
 
-def classified(network: Any, design: Design) -> dict[str, Any]:
+def classified(network: Any, design: Design) -> Document:
     """The likeliest class as a verdict.
 
     Args:
