@@ -74,9 +74,8 @@ class Reading:
                 yield Event(event=NOTE, sentence=f"{file}: {said}")
 
 
-def is_text(path: Path) -> bool:
-    """Whether a file holds a row of samples in each line, so that its beginning can be used while it grows."""
-    return path.suffix.lower() in (".csv", ".tsv", ".txt")
+TEXTS = (".csv", ".tsv", ".txt")
+"""Endings of files that hold a row of samples in each line."""
 
 
 def check_readable(path: Path) -> None:
@@ -450,7 +449,8 @@ class Watch:
         position = earlier.position if earlier else None
         path, out = settings.source, settings.out
         self.source: GrowingFile | Folder
-        if path.is_file() and is_text(path):
+        # rows of text can be used while their file grows
+        if path.is_file() and path.suffix.lower() in TEXTS:
             self.source = GrowingFile(path, self._reading, settings.rest, position)
         else:
             self.source = Folder(path, self._reading, settings.rest, position, out)
