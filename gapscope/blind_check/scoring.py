@@ -430,8 +430,8 @@ def closure(
     gained, wanted = (before - after)[counts], (before - floor)[counts]
     # an arm that is made far worse counts as -1: one case must not outweigh the rest
     return {
-        "mean": float(np.clip(gained.sum() / wanted.sum(), -1.0, 1.0)),
-        "worst": float(np.clip((gained / wanted).min(), -1.0, 1.0)),
+        "mean": np.clip(gained.sum() / wanted.sum(), -1.0, 1.0),
+        "worst": np.clip((gained / wanted).min(), -1.0, 1.0),
         "before": before.tolist(),
         "after": after.tolist(),
     }
@@ -503,7 +503,7 @@ def scores(cases: Sequence[Compared]) -> Document:
         "top": share([c.top for c in cases]),
         "exact": share([c.exact for c in cases]),
         "exact_strict": share([c.exact_strict for c in cases]),
-        "jaccard": float(np.mean([c.jaccard for c in cases])) if cases else None,
+        "jaccard": np.mean([c.jaccard for c in cases]) if cases else None,
         "joints": share([right for c in cases for right in c.joints]),
         "called_unexplained": share([c.verdict == "unexplained" for c in cases]),
         "called_no_gap": share([c.verdict == "no_gap" for c in cases]),
@@ -539,7 +539,7 @@ def calibration(cases: Sequence[Compared]) -> Document:
     p = np.array([f.probability for f in findings])
     # every finding counts by itself, however many a case has
     right = np.array([f.right for f in findings], dtype=float)
-    mean_size = float(np.mean([f.size for f in findings])) if findings else None
+    mean_size = np.mean([f.size for f in findings]) if findings else None
     return {
         "findings": len(findings),
         "brier": brier(p, right),

@@ -179,7 +179,7 @@ def _on_units(effects: pd.DataFrame, units: int) -> list[Document]:
         ]
         # one share for all units: their median
         shares = list(row.pop("shares").values())
-        row |= {"units": len(shares), "share": float(np.median(shares))}
+        row |= {"units": len(shares), "share": np.median(shares)}
         made.append({**row, "parameters": parameters})
     return sorted(made, key=lambda row: (ORDER.index(row["kind"]), -row["units"]))
 
@@ -200,9 +200,9 @@ def _extremes(parameter: Document) -> Iterator[Document]:
     for k in np.argsort(-np.abs(deviation), kind="stable")[:EXTREMES]:
         yield {
             "unit": units[k],
-            "value": float(values[k]),
+            "value": values[k],
             "std": parameter["std"][units[k]],
-            "deviation": float(deviation[k]),
+            "deviation": deviation[k],
         }
 
 
@@ -238,10 +238,10 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         robots.append(
             {
                 "robot": robot,
-                "joints": list(of_type["joints"].iloc[0]),
+                "joints": of_type["joints"].iloc[0],
                 "cases": len(of_type),
                 "units": len(last),
-                "nominal_arms": int(last["nominal_sha256"].nunique()),
+                "nominal_arms": last["nominal_sha256"].nunique(),
                 "effects": _on_units(of_last, len(last))[:MOST],
             }
         )
@@ -261,8 +261,8 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         "cases": len(rows),
         "failed": len(failed),
         "units": sum(robot["units"] for robot in robots),
-        "recorded_hours": float(cases["recorded_seconds"].sum() / 3600),
-        "processor_hours": float(rows["processor_seconds"].sum() / 3600),
+        "recorded_hours": cases["recorded_seconds"].sum() / 3600,
+        "processor_hours": rows["processor_seconds"].sum() / 3600,
         "robots": robots,
         "histories": len(everything),
         "false_share": FALSE_CHANGES,
@@ -295,8 +295,8 @@ def _worst(last: pd.DataFrame, changes: list[Document]) -> list[Document]:
     return [
         {
             **row,
-            "effects": list(np.atleast_1d(row["effects"])),
-            "changes": int(counts.get(row["unit"], 0)),
+            "effects": np.atleast_1d(row["effects"]),
+            "changes": counts.get(row["unit"], 0),
         }
         for row in order[[*keys, "closed", "kept", "effects"]].to_dict("records")
     ]

@@ -12,7 +12,8 @@ import numpy as np
 from gapscope.blind_check.generator.arms import Arm
 from gapscope.blind_check.generator.true_arm import TrueArm
 
-LawValues = dict[str, np.ndarray]
+LawValues = dict[str, Any]
+"""Values of a law by name, arrays once they are those of a cause."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,8 @@ class Law(NamedTuple):
         self, rng: np.random.Generator, whole: LawContext, joints: np.ndarray
     ) -> Cause:
         """It at work on some joints, counted from 0, with values that are drawn."""
-        return Cause(self, joints, self.draw(Draws(rng, whole, joints)))
+        drawn = self.draw(Draws(rng, whole, joints)).items()
+        return Cause(self, joints, {name: np.asarray(x) for name, x in drawn})
 
 
 class Cause(NamedTuple):
