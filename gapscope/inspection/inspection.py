@@ -17,6 +17,7 @@ import yaml
 from jinja2 import Environment
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.display import figures, marked
 from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.dynamics.link_shapes import read_frames
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -168,8 +169,7 @@ def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
         return [f"it is {values[0, 0]:g} throughout: nothing was measured"]
     facts = []
     if silent.any():
-        numbers = ", ".join(str(j + 1) for j in np.flatnonzero(silent))
-        facts.append(f"it never changes on joint {numbers}")
+        facts.append(f"it never changes on joint {marked(silent)}")
     # gravity may hold one joint on one side, hardly all of them throughout
     if (values >= 0).all():
         facts.append("it is never negative: a magnitude, whose sign is lost")
@@ -188,7 +188,7 @@ def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
     }
     gains = exact_gains((replace(recording, **rates),))
     if gains is not None:
-        kp, kd = (", ".join(f"{x:.4g}" for x in own) for own in gains.T)
+        kp, kd = map(figures, gains.T)
         facts.append(
             f"it is computed, not measured: kp (q_ref - q) + kd (dq_ref - dq) with kp {kp} and kd {kd}. "
             "As a command that is what it should be; whether the arm obeyed these gains, the log does not say"
@@ -210,8 +210,7 @@ def _multiples(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator
         if (rms(values - factors * source) <= EXACT * values.std(axis=0)).all():
             said = f"it equals {other.group.pattern}"
             if not np.allclose(factors, 1.0, atol=EXACT):
-                listed = ", ".join(f"{factor:.4g}" for factor in factors)
-                said = f"it is {other.group.pattern} times {listed}"
+                said = f"it is {other.group.pattern} times {figures(factors)}"
             yield said
 
 
@@ -301,9 +300,8 @@ def oddities_of(
         said = f"the arm stands still: no joint moves by {STILL:g} rad"
         yield odd(said, "record a motion of all joints")
     elif still.any():
-        numbers = ", ".join(str(j + 1) for j in np.flatnonzero(still))
         yield odd(
-            f"joint {numbers} does not move: its friction, armature and zero cannot be told",
+            f"joint {marked(still)} does not move: its friction, armature and zero cannot be told",
             "move every joint, slowly and fast, in both directions",
         )
 
@@ -637,10 +635,8 @@ def case_text(found: Inspection, folder: Path, robot: str | None) -> str:
         if quantity == "rotor":
             unit += ": rotor inertia times gear ratio squared"
         sheet[name] = values, unit
-    environment = Environment(trim_blocks=True, keep_trailing_newline=True)
-    environment.filters |= {"flow": flow, "wrap": partial(wrap, width=ABOVE)}
-    template = Path(__file__).with_name("case.yaml.j2").read_text(encoding="utf-8")
-    return environment.from_string(template).render(
+    return filled(
+        Path(__file__).with_name("case.yaml.j2"),
         logs=[log.path.name for log in found.logs],
         name=found.main.log.path.stem if arm is None else arm.name,
         robot=robot,
@@ -777,6 +773,13 @@ def _columns_entry(
 def _rounded(rate: float) -> float | int:
     # one whole number of hertz reads as that
     return int(rate) if rate == int(rate) else rate
+
+
+def filled(template: Path, **content: Any) -> str:
+    """A template of a YAML file, filled; ``flow`` writes a value on one line, ``wrap`` a reason on several."""
+    environment = Environment(trim_blocks=True, keep_trailing_newline=True)
+    environment.filters |= {"flow": flow, "wrap": partial(wrap, width=ABOVE)}
+    return environment.from_string(template.read_text("utf-8")).render(**content)
 
 
 def flow(value: Any) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import write_text
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.blind_check.scoring import Compared
 from gapscope.diagnosis.document.wording import Document
@@ -284,9 +284,8 @@ def write_score(
     verdicts = [asdict(case) for case in cases]
     write_json({**figures, "verdicts": verdicts}, document)
     shown = tables(figures)
-    with atomic_write(text) as aside:
-        content = "\n".join(table.markdown() for table in shown)
-        aside.write_text(f"# Blind check\n\n{content}", encoding="utf-8")
+    content = "\n".join(table.markdown() for table in shown)
+    write_text(text, f"# Blind check\n\n{content}")
     sections = [*shown]
     for name, (title, make_figure, height) in FIGURES.items():
         figure = figure_html(make_figure(figures), name, height)

@@ -250,21 +250,8 @@ def _joined(regions: list[Region]) -> str:
     return capital("; ".join(region.regime for region in regions))
 
 
-# What the report says of the part of a gap that no effect explains and a flexible model still predicts.
-
-
 WHITE = 1e-3
-"""With a larger p-value the residual may be noise."""
-NAMES = {
-    "position": "its position",
-    "speed": "its speed",
-    "velocity": "its velocity",
-    "direction": "the direction in which it moves",
-    "acceleration": "its acceleration",
-    "load": "the torque that it carries",
-    "time": "the time since the recording began",
-    "frequency": "an oscillation that follows no motion",
-}
+"""With a larger p-value what stays of a joint's gap may be noise."""
 
 
 def guess_curves(diagnosis: Diagnosis) -> list[Document]:
@@ -272,32 +259,14 @@ def guess_curves(diagnosis: Diagnosis) -> list[Document]:
     entries = diagnosis.document["unexplained"].get("predictable", [])
     return [
         {
-            "index": index,
-            "title": f"J{entry['joint']}: {percent(entry['share'])} of what is left can be predicted",
-            "words": _words(entry),
             "joint": entry["joint"] - 1,
             "axis": f"{entry['curve']['variable']} [{entry['curve']['unit']}]",
             "amplitude": entry["curve"]["variable"] == "frequency",
             "x": encode(entry["curve"]["x"]),
             "y": encode(entry["curve"]["y"]),
         }
-        for index, entry in enumerate(entries)
+        for entry in entries
     ]
-
-
-def _words(entry: Document) -> str:
-    """How much of it which variable predicts, and whether the residual may be noise."""
-    name = entry["curve"]["variable"]
-    noise = "may be noise" if entry["whiteness_p"] > WHITE else "is no noise"
-    if entry["share"] == 0.0:
-        return f"What is left {noise}, but nothing known of the motion predicts it on unseen data."
-    alone = (
-        f"{NAMES[name].capitalize()} alone predicts {percent(entry['by'][name])} of it."
-    )
-    shown = "the gap along it"
-    if name == "frequency":
-        shown = "how strong the gap is at each frequency"
-    return f"{alone} The curve is {shown}. What is left {noise}."
 
 
 # What the figures of the report draw: decimated curves as base64 of float32, little endian.
@@ -641,6 +610,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
         actions=actions(diagnosis, Path(path).parent),
         changes=[capital(change_text(one)) for one in document.get("changes", ())],
         first=FIRST_SCREEN_EFFECTS,
+        white=WHITE,
         signatures=signatures,
         joints=list(zip(names, short_names(names), strict=True)),
         scale=bars_end(document["gap"], of_floor=FLOOR_SCALE),

@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Group
 from rich.text import Text
 
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import write_text
 from gapscope.arm.io.json_file import plain, write_document
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.root_mean_square import rms
@@ -445,8 +445,7 @@ def write_identification(
     """
     # first what may fail: bodies that no arm can have
     text = urdf_text(result.case.arm, identified_bodies(result))
-    with atomic_write(folder / URDF) as aside:
-        aside.write_text(text, encoding="utf-8")
+    write_text(folder / URDF, text)
     write_case_beside(with_sheet(result), case_file, folder / CASE, URDF)
     write_corrected(
         result.case.name,

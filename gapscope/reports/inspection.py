@@ -53,10 +53,14 @@ def panels_of(found: Inspection, number: int) -> list[Panel]:
     """
     panels, spectra = [], []
     for channel, name in CHANNELS_DRAWN.items():
-        series = _series(found, number, channel)
-        if series is None:
+        if channel not in found.chosen:
             continue
-        t, values, unit = series
+        label, _ = found.chosen[channel]
+        table = found.entries[number][label]
+        guess = table.best(channel)
+        if guess is None:
+            continue
+        t, values, unit = table.time.seconds, guess.group.values, guess.unit
         step = -(-len(t) // POINTS)
         # values that no unit explains would flatten all others
         usual = np.abs(values) < BEYOND
@@ -71,20 +75,6 @@ def panels_of(found: Inspection, number: int) -> list[Panel]:
             density = np.sqrt(power[1:])
             spectra.append(Panel(title, frequency[1:], density, spectrum=True))
     return [*panels, *spectra]
-
-
-def _series(
-    found: Inspection, number: int, channel: str
-) -> tuple[np.ndarray, np.ndarray, str] | None:
-    """Time [s], values in the unit of the log, and that unit; ``None`` if the log has no such channel."""
-    if channel not in found.chosen:
-        return None
-    label, _ = found.chosen[channel]
-    table = found.entries[number][label]
-    guess = table.best(channel)
-    if guess is None:
-        return None
-    return table.time.seconds, guess.group.values, guess.unit
 
 
 # The panels of a log as a PNG, for a chat or an issue.

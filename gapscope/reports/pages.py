@@ -18,7 +18,7 @@ from rich.text import Text
 
 from gapscope.arm import display
 from gapscope.arm.display import effect_name
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import write_text
 from gapscope.diagnosis.document.wording import (
     Document,
     acts_on,
@@ -44,9 +44,7 @@ def write_html(template: str, path: Path | str, **content: Any) -> None:
     Raises:
         GapscopeError: ``path`` cannot be written.
     """
-    html = render_html(template, **content)
-    with atomic_write(path) as aside:
-        aside.write_text(html, encoding="utf-8")
+    write_text(path, render_html(template, **content))
 
 
 def render_html(template: str, **content: Any) -> str:

@@ -8,7 +8,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.description import MOMENTS, Inertial, listed
+from gapscope.arm.display import figures
+from gapscope.arm.dynamics.description import MOMENTS, Inertial
 from gapscope.arm.dynamics.plain_urdf import numbers
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.known_load import UPPER
@@ -67,8 +68,8 @@ def odd_inertials(body: RigidBody) -> tuple[str, ...]:
             said = "moments of inertia but no mass, which no body has; correct <mass>"
         elif moments[2] > (1 + EXCESS) * (moments[0] + moments[1]):
             said = (
-                f"the principal moments of inertia {listed(moments)} kg m^2, of which no body has one above the sum of "
-                "the others: they are simulated as they are; correct <inertia> if you can"
+                f"the principal moments of inertia {figures(moments)} kg m^2, of which no body has one above the "
+                "sum of the others: they are simulated as they are; correct <inertia> if you can"
             )
         else:
             continue

@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.description import listed
+from gapscope.arm.display import figures
 from gapscope.arm.dynamics.rigid_body import UNLIMITED, RigidBody
 from gapscope.arm.errors import InputError
 
@@ -166,7 +166,7 @@ def check_inertia(body: RigidBody, at_fault: str = "") -> None:
     if not bad:
         return
     joint = bad[0]
-    moments = listed(np.linalg.eigvalsh(inertias[joint].inertia))
+    moments = figures(np.linalg.eigvalsh(inertias[joint].inertia))
     raise InputError(
         f"the link moved by joint {joint + 1} ({body.joints[joint]}) has mass {inertias[joint].mass:.4g} kg and "
         f"principal moments of inertia {moments} kg m^2, which cannot be simulated",

@@ -10,6 +10,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import median_filter
 from scipy.special import ndtri
 
+from gapscope.arm.display import marked
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.layouts import UNITS
@@ -295,8 +296,7 @@ def without_turns(recording: Recording) -> Recording:
         middle = (steady.max(axis=0) + steady.min(axis=0)) / 2
         steady = steady - 2 * np.pi * np.round(middle / (2 * np.pi))
         positions[name] = np.where(counted, steady, x)
-    joints = ", ".join(f"q{j + 1}" for j in np.flatnonzero(turned))
-    said = f"jumps by a turn between two samples taken back: {joints}"
+    said = f"jumps by a turn between two samples taken back: {marked(turned, 'q')}"
     return noted(recording, said, **positions)
 
 
@@ -343,8 +343,8 @@ def without_untrusted(recording: Recording) -> Recording:
             said = f"{name} is zero throughout and was left out"
             recording = noted(recording, said, **{name: None})
         elif silent.any():
-            joints = ", ".join(f"{name}{j + 1}" for j in np.flatnonzero(silent))
-            recording = noted(recording, f"{joints} zero throughout")
+            said = f"{marked(silent, name)} zero throughout"
+            recording = noted(recording, said)
     if recording.tau is not None and _is_unsigned(recording.q, recording.tau):
         return noted(recording, UNSIGNED, tau=None)
     return recording
@@ -497,7 +497,7 @@ def without_stuck(recording: Recording) -> Recording:
     rows = np.asarray(stuck.any(axis=1))
     if not rows.any():
         return recording
-    joints = ", ".join(f"q{j + 1}" for j in np.flatnonzero(stuck.any(axis=0)))
+    joints = marked(stuck.any(axis=0), "q")
     said = f"{LEFT_OUT}{rows.sum()} ({rows.mean():.2%}), {joints}"
     return noted(recording.part(~rows), said)
 
