@@ -22,9 +22,11 @@ log = Console(stderr=True)
 class Progress:
     """What is being done: a spinner on a terminal, a line each elsewhere; on standard error."""
 
-    def __init__(self, label: str) -> None:
-        self.label = label
-        self._status: Status | None = log.status(label) if log.is_terminal else None
+    def __init__(self, label: str | Path) -> None:
+        """Take a label, or what is worked on: its name, or the path of what has none."""
+        self.label = label if isinstance(label, str) else label.name or str(label)
+        status = log.status(self.label) if log.is_terminal else None
+        self._status: Status | None = status
 
     def __enter__(self) -> Progress:
         if self._status:

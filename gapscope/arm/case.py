@@ -21,6 +21,7 @@ from gapscope.arm.io.case_file import (
     known_loads,
     parse_controller,
     read_case_file,
+    with_files,
 )
 from gapscope.arm.io.import_section import Import, parse_import
 from gapscope.arm.io.load_recording import (
@@ -35,7 +36,7 @@ from gapscope.arm.io.plausibility import UNSIGNED
 from gapscope.arm.io.table import Table, numbered
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm, coupling_of_transmission
-from gapscope.arm.recording import Recording, slow_words
+from gapscope.arm.recording import CHANNELS, Recording, slow_words
 from gapscope.arm.robots import load_nominal_arm
 
 # Columns of the case format from arrays in memory.
@@ -43,40 +44,6 @@ from gapscope.arm.robots import load_nominal_arm
 
 Samples = np.ndarray | Sequence[np.ndarray]
 """A channel of one recording, shape (N,) or (N, n), or a list of them: one for each recording."""
-
-
-def frames_of_arrays(
-    t: Samples, channels: Mapping[str, Samples | None]
-) -> list[dict[str, np.ndarray]]:
-    """Columns ``t``, ``q1..qn`` and so on for each recording.
-
-    Args:
-        t: time [s], shape (N,).
-        channels: by name, shape (N, n); ``None`` for one that was not recorded.
-
-    Raises:
-        InputError: a channel has another number of recordings than ``t``, or another shape.
-    """
-    times = _listed(t)
-    given = {name: _listed(x) for name, x in channels.items() if x is not None}
-    for name, arrays in given.items():
-        if len(arrays) != len(times):
-            raise InputError(
-                f"has {len(arrays)} recordings, t has {len(times)}",
-                "give every channel an array for each recording",
-                where=name,
-            )
-    frames = []
-    for number, time in enumerate(times):
-        own = {name: np.asarray(x[number], dtype=float) for name, x in given.items()}
-        for name, array in own.items():
-            if array.ndim != 2:
-                raise InputError(
-                    f"has shape {array.shape}, expected (N, n): a row for each sample, a column for each joint",
-                    where=name,
-                )
-        frames.append(numbered({"t": np.asarray(time, dtype=float), **own}))
-    return frames
 
 
 def _listed(samples: Samples) -> Sequence[np.ndarray]:
@@ -174,16 +141,29 @@ class Case:
             >>> Case.from_arrays("kuka_iiwa", t=t, q=q, tau=0 * q).recordings[0].duration
             1.99
         """
-        channels = {
-            "q": q,
-            "tau": tau,
-            "dq": dq,
-            "q_ref": q_ref,
-            "dq_ref": dq_ref,
-            "tau_sensor": tau_sensor,
-            "temperature": temperature,
-        }
-        return cls.from_frames(robot, frames_of_arrays(t, channels), **description)
+        series = (q, dq, tau, q_ref, dq_ref, tau_sensor, temperature)
+        each = zip(CHANNELS, series, strict=True)
+        given = {name: _listed(x) for name, x in each if x is not None}
+        times = _listed(t)
+        for name, arrays in given.items():
+            if len(arrays) != len(times):
+                raise InputError(
+                    f"has {len(arrays)} recordings, t has {len(times)}",
+                    "give every channel an array for each recording",
+                    where=name,
+                )
+            for array in map(np.asarray, arrays):
+                if array.ndim != 2:
+                    raise InputError(
+                        f"has shape {array.shape}, expected (N, n): a row for each sample, a column for each joint",
+                        where=name,
+                    )
+        # columns t, q1..qn and so on of each recording
+        frames = []
+        for number, time in enumerate(times):
+            own = {"t": time, **{name: x[number] for name, x in given.items()}}
+            frames.append(numbered({k: np.asarray(x, float) for k, x in own.items()}))
+        return cls.from_frames(robot, frames, **description)
 
     @classmethod
     def from_frames(
@@ -450,14 +430,14 @@ def case_files(path: str | Path) -> tuple[Path, ...]:
     assert file is not None
     content, paths = read_case_file(file), CasePaths(file, None)
     found = [file, case.arm.urdf]
-    calibration = (content.get("import") or {}).get("calibration")
-    if calibration is not None:
-        found.append(file.parent / calibration)
-    for part in ("recordings", "judge"):
-        for text in content.get(part, []):
-            entry = paths.entry(text, part)
-            for place in entry.values() if isinstance(entry, dict) else (entry,):
-                found += files_of(place)
+
+    def add(field: str, name: str) -> str:
+        """Files of a name, but for the robot's, and loads, which name recordings again."""
+        if field not in ("robot", "payloads"):
+            found.extend(files_of(file.parent / paths.expand(name, field)))
+        return name
+
+    with_files(content, add)
     return tuple(found)
 
 

@@ -327,10 +327,14 @@ class ControlLoop:
         """
         error, rate = commands.q - q, commands.dq - dq
         feedback = self.controller.proportional(error, rate)
+        wanted = commands.torque + feedback + self.integral
         if self.controller.through_model:
-            wanted = self._through_model(commands, q, dq, commands.ddq + feedback)
-        else:
-            wanted = commands.torque + feedback + self.integral
+            # one state or a series: the single one without building arrays
+            inverse = self._body.torque if q.ndim == 1 else self._body.inverse_dynamics
+            ddq = commands.ddq + feedback
+            wanted = inverse(q, dq, ddq) + self._arm.armature * ddq
+            # friction at the reference's velocity: at the measured one it would chatter
+            wanted = wanted + self._arm.friction(commands.dq)
         applied = np.minimum(np.maximum(wanted, -self._limit), self._limit)
         # after the torque: forward Euler, with the integrator from before this tick
         if self.controller.integrator is not None:
@@ -349,15 +353,6 @@ class ControlLoop:
             return
         feedback = self.controller.proportional(commands.q - q, commands.dq - dq)
         self.integral = integrator.bounded(torque - commands.torque - feedback)
-
-    def _through_model(
-        self, commands: Targets, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
-    ) -> np.ndarray:
-        """Inverse dynamics of the nominal arm with friction of the reference's velocity [N m]."""
-        # one state or a series: the single one without building arrays
-        inverse = self._body.torque if q.ndim == 1 else self._body.inverse_dynamics
-        torque = inverse(q, dq, ddq) + self._arm.armature * ddq
-        return torque + self._arm.friction(commands.dq)
 
 
 # What the integrator of a controller held when a recording with its torque began.

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
+import numpy as np
+from numpy.typing import ArrayLike
 from scipy.constants import micro, milli
 
 MISSING = "–"
@@ -86,6 +88,16 @@ def listing(parts: Sequence[str]) -> str:
         return "".join(parts)
     first = ", ".join(parts[:-1])
     return f"{first} and {parts[-1]}"
+
+
+def marked(mask: ArrayLike, prefix: str = "") -> str:
+    """Numbers from 1 of what a mask, (n,), marks: ``2, 5``, or with a prefix ``q2, q5``."""
+    return ", ".join(f"{prefix}{place + 1}" for place in np.flatnonzero(mask))
+
+
+def figures(values: Iterable[float], digits: int = 4) -> str:
+    """Numbers with so many significant digits each."""
+    return ", ".join(f"{value:.{digits}g}" for value in values)
 
 
 def percent(fraction: float | None) -> str:

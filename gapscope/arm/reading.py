@@ -88,7 +88,12 @@ class Columns:
                 where=f"field import.mend.{key}.columns",
             )
         factor, offset = per_joint("scale", 1.0), per_joint("offset", 0.0)
-        return cls(*(tuple(x.tolist()) for x in (source, factor, offset)))
+        return cls.of(source, factor, offset)
+
+    @classmethod
+    def of(cls, *parts: np.ndarray) -> Columns:
+        """Of source, factor and offset as arrays, (n,)."""
+        return cls(*(tuple(part.tolist()) for part in parts))
 
     def to_mend(self) -> dict[str, Any]:
         """As an entry of ``mend:``, without what changes nothing."""
@@ -118,10 +123,10 @@ class Columns:
         # other(self(x)): the factor and offset of the column that other takes
         before = list(other.source)
         factor, offset = np.array(other.factor), np.array(other.offset)
-        return Columns(
-            tuple(self.source[s] for s in before),
-            tuple((factor * np.array(self.factor)[before]).tolist()),
-            tuple((np.array(self.offset)[before] * factor + offset).tolist()),
+        return Columns.of(
+            np.array(self.source)[before],
+            factor * np.array(self.factor)[before],
+            np.array(self.offset)[before] * factor + offset,
         )
 
     def inverse(self) -> Columns:
@@ -131,11 +136,7 @@ class Columns:
         factor, offset = np.array(self.factor), np.array(self.offset)
         # 0.0 - x, for no offset is 0 and not -0
         back = 0.0 - offset / factor
-        return Columns(
-            tuple(place.tolist()),
-            tuple((1.0 / factor[place]).tolist()),
-            tuple(back[place].tolist()),
-        )
+        return Columns.of(place, 1.0 / factor[place], back[place])
 
 
 @dataclass(frozen=True)
@@ -371,7 +372,7 @@ class Reading:
         known = {"q_ref", "dq", "tau"} <= recording.channels.keys()
         if any(self.law) and known:
             q_ref, dq_ref = references(recording, "unmeasured_torque")
-            error, rate = q_ref - recording.q, dq_ref - np.asarray(recording.dq)
+            error, rate = q_ref - recording.q, dq_ref - recording.dq
             tau = np.array(recording.tau)
             for j, gains in enumerate(self.law):
                 # only of joints whose recorded torque was none

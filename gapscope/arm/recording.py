@@ -138,6 +138,9 @@ class Recording:
         """The recording with some of its rows, a mask, places or a slice; ``changed`` are other attributes."""
         series = {"t": self.t, **self.channels}
         chosen: dict[str, Any] = {name: x[rows] for name, x in series.items()}
+        # nobody else has them: shared, not copied
+        for x in chosen.values():
+            x.setflags(write=False)
         return replace(self, **chosen, **changed)
 
 

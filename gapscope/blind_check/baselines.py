@@ -13,6 +13,7 @@ from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.root_mean_square import rms
+from gapscope.diagnosis.document.wording import Document
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
@@ -180,25 +181,21 @@ JOINT_SHARE = 0.2
 """A joint is named if its weight is this share of the largest of its effect."""
 EFFECT_SHARE = 0.15
 """Forward selection names an effect if its weight is this share of the largest."""
-NAMES = (*CATALOGUE, *FAULTS)
-"""What chance draws from."""
+ANSWERS = (*CATALOGUE, *FAULTS, "no_gap", "unexplained")
+"""What chance draws from; the last two name nothing."""
 
 
-def chance(n_joints: int, rng: np.random.Generator) -> dict[str, Any]:
+def chance(n_joints: int, rng: np.random.Generator) -> Document:
     """Any effect on any joint, no gap, or unexplained, each as likely."""
-    # two more draws: the answers that name nothing
-    drawn = int(rng.integers(len(NAMES) + 2))
-    if drawn == len(NAMES):
-        return answer("no_gap", [])
-    if drawn > len(NAMES):
-        return answer("unexplained", [])
-    name = NAMES[drawn]
+    name = ANSWERS[rng.integers(len(ANSWERS))]
+    if name in ANSWERS[-2:]:
+        return answer(name, [])
     scope = CATALOGUE[name].scope if name in CATALOGUE else FAULTS[name].scope
     joints = [int(rng.integers(n_joints)) + 1] if scope == "joint" else []
     return answer("effects_found", [(name, joints)])
 
 
-def largest_r2(design: Design) -> dict[str, Any]:
+def largest_r2(design: Design) -> Document:
     """The one effect whose columns leave the smallest residual."""
     if design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
@@ -212,17 +209,17 @@ def largest_r2(design: Design) -> dict[str, Any]:
     return answer("effects_found", [(best, _joints(design, places, weights))])
 
 
-def forward_bic(design: Design) -> dict[str, Any]:
+def forward_bic(design: Design) -> Document:
     """Columns one by one, the best first, as long as Bayes' information criterion falls."""
     chosen: list[int] = []
-    total = float(design.gap @ design.gap)
+    total = design.gap @ design.gap
     residual = design.gap
     score = _bic(residual, 0)
     while len(chosen) < MAX_COLUMNS:
         # columns have unit length: the largest product explains most
         gain = np.abs(design.columns.T @ residual)
         gain[chosen] = 0.0
-        candidate = [*chosen, int(gain.argmax())]
+        candidate = [*chosen, gain.argmax()]
         # all chosen are fitted again: a later one may take over from an earlier one
         fitted = design.columns[:, candidate] @ _fit(design, candidate)
         candidate_residual = design.gap - fitted
@@ -241,11 +238,11 @@ def forward_bic(design: Design) -> dict[str, Any]:
 def _bic(residual: np.ndarray, terms: int) -> float:
     """Bayes' information criterion of a residual (M n,) after a fit of so many columns."""
     count = len(residual) / EFFECTIVE
-    mean_square = max(float(residual @ residual), 1e-300) / len(residual)
-    return float(count * np.log(mean_square) + terms * np.log(count))
+    mean_square = max(residual @ residual, 1e-300) / len(residual)
+    return count * np.log(mean_square) + terms * np.log(count)
 
 
-def ridge(design: Design) -> dict[str, Any]:
+def ridge(design: Design) -> Document:
     """All columns at once with a quadratic penalty; effects whose part of the gap is long enough are named."""
     if design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
@@ -271,7 +268,7 @@ def ridge(design: Design) -> dict[str, Any]:
 
 def answer(
     verdict: str, effects: Sequence[tuple[str, list[int]]], probability: float = 1.0
-) -> dict[str, Any]:
+) -> Document:
     """A verdict in the form of ``diagnosis.json``, as far as the scorer reads it."""
     return {
         "verdict": verdict,
@@ -302,7 +299,7 @@ def residual_share(design: Design, effect: str) -> float:
     places = design.places(effect)
     residual = design.gap - design.columns[:, places] @ _fit(design, places)
     total = design.gap @ design.gap
-    return float(residual @ residual / total) if total > 0 else 1.0
+    return residual @ residual / total if total > 0 else 1.0
 
 
 def _joints(design: Design, places: list[int], weights: np.ndarray) -> list[int]:
@@ -322,7 +319,7 @@ def _named(
     length: dict[str, float] = {}
     for effect, weight in zip(effects, weights, strict=True):
         # columns have unit length: weights add up as lengths do
-        length[effect] = float(np.hypot(length.get(effect, 0.0), weight))
+        length[effect] = np.hypot(length.get(effect, 0.0), weight)
     least = EFFECT_SHARE * max(length.values())
     long_enough = [effect for effect in length if length[effect] >= least]
     out = []
@@ -354,7 +351,7 @@ def features(design: Design) -> np.ndarray:
     best = []
     for effect in EFFECTS:
         places = design.places(effect)
-        best.append(float(along[places].max()) if places else 0.0)
+        best.append(along[places].max() if places else 0.0)
     # sorted: the features know no joint by its number
     # below rounding there is no gap, and its logarithm would be infinite
     nrmse = np.sort(np.maximum(design.nrmse, np.finfo(float).eps))[::-1]
@@ -365,7 +362,7 @@ def features(design: Design) -> np.ndarray:
     return np.concatenate([residual, best, size, [entropy]])
 
 
-def classified(network: Any, design: Design) -> dict[str, Any]:
+def classified(network: Any, design: Design) -> Document:
     """The likeliest class as a verdict.
 
     Args:
@@ -373,12 +370,12 @@ def classified(network: Any, design: Design) -> dict[str, Any]:
         design: of the case.
     """
     probability = network.predict_proba(features(design)[None])[0]
-    name = str(network.classes_[int(probability.argmax())])
+    name = str(network.classes_[probability.argmax()])
     if name == "healthy":
         return answer("no_gap", [])
     if name == "unknown":
         return answer("unexplained", [])
-    return answer("effects_found", [(name, [])], float(probability.max()))
+    return answer("effects_found", [(name, [])], probability.max())
 
 
 def train(x: np.ndarray, names: Sequence[str]) -> Any:

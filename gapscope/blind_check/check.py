@@ -613,8 +613,7 @@ def _law(effect: TorqueLaw) -> Law:
             arm.payload,
         )
         joints = tuple(draws.joints + 1)
-        found = draw(effect.name, draws.rng, scale, joints).parameters
-        return {name: np.array(value) for name, value in found.items()}
+        return dict(draw(effect.name, draws.rng, scale, joints).parameters)
 
     def act(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
         # the law takes a value of every joint: zero does nothing

@@ -32,6 +32,7 @@ from gapscope.blind_check.baselines import (
 )
 from gapscope.blind_check.check import DONE, FROZEN, UNSEEN, diagnosis_hash, open_labels
 from gapscope.blind_check.generator.simulate import residual
+from gapscope.diagnosis.document.wording import Document
 from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected import CorrectedArm
@@ -41,7 +42,7 @@ from gapscope.provenance import source_hash
 # Shares with intervals, and how good probabilities are.
 
 
-def share(values: Sequence[bool]) -> dict[str, Any]:
+def share(values: Sequence[bool]) -> Document:
     """How many of some values are true, as JSON data with Wilson's interval."""
     hits, count = int(sum(values)), len(values)
     low, high = wilson(hits, count)
@@ -171,7 +172,7 @@ CLASSES = (
 """The classes."""
 
 
-def named(entry: dict[str, Any]) -> Named:
+def named(entry: Document) -> Named:
     """An entry of ``effects`` of a label or a diagnosis."""
     link = 0
     if entry["effect"] == "link_inertia":
@@ -282,17 +283,17 @@ class Compared:
     joints: tuple[bool, ...]
     errors: tuple[float, ...]
     findings: tuple[ScoredFinding, ...]
-    closure: dict[str, Any] | None
+    closure: Document | None
     seconds: float | None
     conditions: dict[str, Any]
 
 
 def compare(
     name: str,
-    label: dict[str, Any],
-    document: dict[str, Any] | None,
+    label: Document,
+    document: Document | None,
     seconds: float | None = None,
-    closed: dict[str, Any] | None = None,
+    closed: Document | None = None,
 ) -> Compared:
     """Set a diagnosis beside its label; ``None`` means a diagnosis that failed."""
     # the last motion is the one held out: no diagnosis has seen it
@@ -344,7 +345,7 @@ def compare(
     )
 
 
-def first_parameter_error(truth: dict[str, Any], found: dict[str, Any]) -> float | None:
+def first_parameter_error(truth: Document, found: Document) -> float | None:
     """|found - true| / |true| of the first parameter, median over joints; ``None`` if it cannot be compared."""
     same_joints = set(truth["joints"]) == set(found["joints"])
     if truth["effect"] != found["effect"] or not same_joints:
@@ -369,7 +370,7 @@ def first_parameter_error(truth: dict[str, Any], found: dict[str, Any]) -> float
 
 
 def _finding(
-    entry: dict[str, Any], truth: Sequence[Named], n: int, motions: Sequence[str]
+    entry: Document, truth: Sequence[Named], n: int, motions: Sequence[str]
 ) -> ScoredFinding:
     """A finding with its rivals, beside the truth."""
     candidates = [entry, *entry["alternatives"]]
@@ -398,7 +399,7 @@ ABOVE = 2.0
 
 def closure(
     case: Path, unseen: Path, corrected: Path, floor: np.ndarray
-) -> dict[str, Any] | None:
+) -> Document | None:
     """Share of the gap above the floor that is closed on held-out data.
 
     (before - after) / (before - floor), each a torque NRMSE; ``mean`` sums above and below the line over the joints
@@ -429,8 +430,8 @@ def closure(
     gained, wanted = (before - after)[counts], (before - floor)[counts]
     # an arm that is made far worse counts as -1: one case must not outweigh the rest
     return {
-        "mean": float(np.clip(gained.sum() / wanted.sum(), -1.0, 1.0)),
-        "worst": float(np.clip((gained / wanted).min(), -1.0, 1.0)),
+        "mean": np.clip(gained.sum() / wanted.sum(), -1.0, 1.0),
+        "worst": np.clip((gained / wanted).min(), -1.0, 1.0),
         "before": before.tolist(),
         "after": after.tolist(),
     }
@@ -460,7 +461,7 @@ def _nrmse(arm: CorrectedArm, recording: Recording) -> np.ndarray:
 # The figures of a blind check, from its cases.
 
 
-def summary(cases: Sequence[Compared]) -> dict[str, Any]:
+def summary(cases: Sequence[Compared]) -> Document:
     """All figures, as JSON data."""
 
     def of(*names: str) -> list[Compared]:
@@ -493,7 +494,7 @@ def summary(cases: Sequence[Compared]) -> dict[str, Any]:
     }
 
 
-def scores(cases: Sequence[Compared]) -> dict[str, Any]:
+def scores(cases: Sequence[Compared]) -> Document:
     """Names, joints, parameters and gap closed of some cases."""
     errors = [e for c in cases for e in c.errors]
     closed = [c.closure for c in cases if c.closure is not None]
@@ -502,7 +503,7 @@ def scores(cases: Sequence[Compared]) -> dict[str, Any]:
         "top": share([c.top for c in cases]),
         "exact": share([c.exact for c in cases]),
         "exact_strict": share([c.exact_strict for c in cases]),
-        "jaccard": float(np.mean([c.jaccard for c in cases])) if cases else None,
+        "jaccard": np.mean([c.jaccard for c in cases]) if cases else None,
         "joints": share([right for c in cases for right in c.joints]),
         "called_unexplained": share([c.verdict == "unexplained" for c in cases]),
         "called_no_gap": share([c.verdict == "no_gap" for c in cases]),
@@ -512,7 +513,7 @@ def scores(cases: Sequence[Compared]) -> dict[str, Any]:
     }
 
 
-def healthy(cases: Sequence[Compared]) -> dict[str, Any]:
+def healthy(cases: Sequence[Compared]) -> Document:
     """False alarms: a healthy arm with the verdict of an effect or of an unexplained gap."""
     return {
         "count": len(cases),
@@ -522,7 +523,7 @@ def healthy(cases: Sequence[Compared]) -> dict[str, Any]:
     }
 
 
-def unknown(cases: Sequence[Compared]) -> dict[str, Any]:
+def unknown(cases: Sequence[Compared]) -> Document:
     """How often the verdict is ``unexplained``, rightly and wrongly."""
     outside = [c for c in cases if c.unknown]
     inside = [c for c in cases if c.truth and c.kind in ("single", "pair", "triple")]
@@ -532,13 +533,13 @@ def unknown(cases: Sequence[Compared]) -> dict[str, Any]:
     }
 
 
-def calibration(cases: Sequence[Compared]) -> dict[str, Any]:
+def calibration(cases: Sequence[Compared]) -> Document:
     """Brier score, ECE and reliability of the probabilities; coverage and size of the sets at ``LEVEL``."""
     findings = [finding for c in cases for finding in c.findings]
     p = np.array([f.probability for f in findings])
     # every finding counts by itself, however many a case has
     right = np.array([f.right for f in findings], dtype=float)
-    mean_size = float(np.mean([f.size for f in findings])) if findings else None
+    mean_size = np.mean([f.size for f in findings]) if findings else None
     return {
         "findings": len(findings),
         "brier": brier(p, right),
@@ -571,7 +572,7 @@ def _split(
     key: Callable[[Compared], str],
     *,
     ordered: bool = True,
-) -> dict[str, Any]:
+) -> Document:
     """Scores of the cases with each value of a key."""
     groups: dict[str, list[Compared]] = {}
     for case in cases:
@@ -665,7 +666,7 @@ def score(
 
 
 def _compare(
-    name: str, label: dict[str, Any], case: Path, unseen: Path, results: Path
+    name: str, label: Document, case: Path, unseen: Path, results: Path
 ) -> Compared:
     """One case, with the gap that the diagnosis closes on the held-out recording."""
     file = results / "diagnosis.json"
@@ -683,7 +684,7 @@ def _compare(
     return compare(name, label, document, seconds, closed)
 
 
-def _frozen(results: Path, truth: dict[str, Any]) -> dict[str, Any]:
+def _frozen(results: Path, truth: Document) -> Document:
     """Whether the run was frozen: one source throughout, no diagnosis changed after it."""
     begun = read_json(results / FROZEN, "run gapscope blind run first")
     # only a run that came to its end has them
@@ -703,16 +704,16 @@ def _frozen(results: Path, truth: dict[str, Any]) -> dict[str, Any]:
 
 
 def _baselines(
-    cases: Path, truth: dict[str, Any], training: tuple[Path, Path] | None, jobs: int
-) -> dict[str, Any]:
+    cases: Path, truth: Document, training: tuple[Path, Path] | None, jobs: int
+) -> Document:
     """Figures of each plain method on the same cases."""
     designs = dict(zip(truth, _designs(cases, list(truth), jobs), strict=True))
     # fixed, so that chance is the same whenever it is scored
     rng = np.random.default_rng(0)
-    methods: dict[str, Callable[[Design], dict[str, Any]]] = dict(METHODS)
+    methods: dict[str, Callable[[Design], Document]] = dict(METHODS)
     if training is not None:
         methods["classifier"] = partial(classified, _trained(*training, jobs))
-    answers: dict[str, dict[str, dict[str, Any] | None]] = {
+    answers: dict[str, dict[str, Document | None]] = {
         "chance": {k: chance(len(label["gap"]), rng) for k, label in truth.items()}
     }
     for method, function in methods.items():

@@ -25,7 +25,7 @@ from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.case import load_case
 from gapscope.arm.display import listing
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import write_text
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.json_file import schema, to_json, write_json
 from gapscope.arm.nearest_name import check_known, nearest
@@ -345,8 +345,7 @@ class Cells:
         value = compute()
         # an arm that diverged has infinite errors, which are kept like others
         text = to_json({KEY: digest, "cell": key, "value": value}, allow_nan=True)
-        with atomic_write(file) as aside:
-            aside.write_text(text, encoding="utf-8")
+        write_text(file, text)
         return value
 
 

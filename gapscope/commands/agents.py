@@ -16,6 +16,7 @@ from gapscope.commands.options import (
     File,
     Folder,
     Model,
+    Names,
     NotNegative,
     Positive,
     Results,
@@ -35,7 +36,7 @@ def identify(
     out: Results,
     cutoff: Annotated[float | None, Option(min=0.1)] = None,
     estimator: str = "consistent",
-    judge: Annotated[list[str] | None, Option(metavar="NAME")] = None,
+    judge: Names = None,
     any_torque: bool = False,
     filter_: str = "recursive",
     ridge: Annotated[float | None, Option(min=0.0)] = None,
@@ -78,7 +79,7 @@ def identify(
         singular_values=singular_values,
         keep=split_names(keep) if keep else (),
     )
-    with Progress(case.name or str(case)) as progress, locked(out):
+    with Progress(case) as progress, locked(out):
         # the document of an earlier run goes: one that is there is of this run
         begin_results(out, DOCUMENT)
         result = identify_case(case, settings, progress=progress)
@@ -94,7 +95,7 @@ def residual(
     model: Model = None,
     form: str = "best",
     apart: str = "best",
-    judge: Annotated[list[str] | None, Option(metavar="NAME")] = None,
+    judge: Names = None,
     onnx: bool = False,
     seed: NotNegative = 0,
 ) -> None:
@@ -124,7 +125,7 @@ def residual(
             "pip install 'gapscope[learn]'",
         )
     settings = ResidualSettings(form=form, apart=apart, seed=seed)
-    with Progress(case.name or str(case)) as progress, locked(out):
+    with Progress(case) as progress, locked(out):
         begin_results(out, DOCUMENT)
         progress("reads")
         loaded = load_case(case)
@@ -162,7 +163,7 @@ def matter(
     """
     from gapscope.many.matter import matter as rank
 
-    with Progress(case.name or str(case)) as progress:
+    with Progress(case) as progress:
         result = rank(
             case,
             task,

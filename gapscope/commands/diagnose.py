@@ -51,7 +51,7 @@ def diagnose(
         raise typer.Exit(code)
     # one case has its results in the folder itself, without one of its own
     case = cases[0]
-    with Progress(case.name or str(case)) as progress:
+    with Progress(case) as progress:
         progress(LOADS)
         from gapscope.many.batch import diagnose_path
         from gapscope.reports.diagnosis import CASE, CORRECTED, actions

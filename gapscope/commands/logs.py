@@ -9,7 +9,7 @@ import typer
 from typer import Argument, Option
 
 from gapscope.arm.errors import InputError
-from gapscope.commands.options import AsJson, CasePath, Folder
+from gapscope.commands.options import AsJson, CaseOption, CasePath, Folder
 from gapscope.terminal import Progress, say, show, wrote
 
 
@@ -17,7 +17,7 @@ def inspect(
     logs: Annotated[list[Path], Argument(metavar="LOG...")],
     *,
     robot: str | None = None,
-    out: Annotated[Path | None, Option(metavar="CASE")] = None,
+    out: CaseOption = None,
 ) -> None:
     """Say what is in a log, draw it, and write the case to start from.
 
@@ -34,7 +34,7 @@ def inspect(
         # before the logs are read: a folder in use is refused
         check_unused(out)
     written: tuple[Path, ...] = ()
-    with Progress(logs[0].name) as progress, locked(out):
+    with Progress(logs[0]) as progress, locked(out):
         result = inspect_logs(logs, robot, progress=progress)
         if out is not None:
             progress("writes the case")
@@ -50,7 +50,7 @@ def check(
     """Say in seconds whether a case can be diagnosed, and what its recordings cannot tell."""
     from gapscope.interface.logs import check as check_case
 
-    with Progress(case.name or str(case)) as progress:
+    with Progress(case) as progress:
         result = check_case(case, progress=progress)
     show(result, as_json=json_)
     # as bad input ends every command
@@ -101,7 +101,7 @@ def agree(
     from gapscope.arm.io.locked_section import locked
     from gapscope.interface.logs import agree as compare
 
-    with Progress(case.name or str(case)) as progress, locked(out):
+    with Progress(case) as progress, locked(out):
         result = compare(case, progress=progress)
         written = () if out is None else result.save(out)
     show(result, *written, as_json=json_)

@@ -16,12 +16,15 @@ from typer import Argument, Option
 
 from gapscope.commands.options import (
     AsJson,
+    CaseOption,
     CasePath,
     File,
     Folder,
+    Names,
     NotNegative,
     Positive,
     Results,
+    RobotName,
     split_names,
 )
 from gapscope.terminal import Progress, note, say, show, wrote
@@ -34,7 +37,7 @@ def rehearse(
     case: CasePath,
     *,
     out: Folder | None = None,
-    effect: Annotated[list[str] | None, Option(metavar="NAME")] = None,
+    effect: Names = None,
     joint: Annotated[list[int] | None, Option(metavar="N")] = None,
     sizes: str = "half,nine_of_ten",
     seed: NotNegative = 0,
@@ -53,7 +56,7 @@ def rehearse(
     """
     from gapscope.many.rehearse import rehearse as rehearse_case
 
-    with Progress(case.name or str(case)) as progress:
+    with Progress(case) as progress:
         result = rehearse_case(
             case,
             out,
@@ -168,8 +171,8 @@ def serve(
 def watch(
     source: Path,
     *,
-    case: Annotated[Path | None, Option(metavar="CASE")] = None,
-    robot: Annotated[str | None, Option(metavar="ROBOT")] = None,
+    case: CaseOption = None,
+    robot: RobotName = None,
     corrected: File | None = None,
     out: Folder | None = None,
     learn: float = 60.0,

@@ -9,7 +9,16 @@ from typing import Annotated
 
 from typer import Option
 
-from gapscope.commands.options import AsJson, CasePath, Engine, File, Model
+from gapscope.commands.options import (
+    AsJson,
+    CaseOption,
+    CasePath,
+    Csv,
+    Engine,
+    File,
+    Model,
+    RobotName,
+)
 from gapscope.terminal import Progress, note, say, show, wrote
 
 
@@ -17,7 +26,7 @@ def predict(
     case: CasePath,
     *,
     recording: File,
-    out: Annotated[Path, Option(metavar="FILE.csv")],
+    out: Csv,
     model: Model = None,
 ) -> None:
     """Predict the torque that a model says would be recorded.
@@ -29,7 +38,7 @@ def predict(
     from gapscope.commands.inputs import read_recording
     from gapscope.interface.models import predict as predict_recording
 
-    with Progress(recording.name) as progress:
+    with Progress(recording) as progress:
         progress("reads")
         loaded, motion = read_recording(case, recording, every_row=True)
         progress("predicts")
@@ -41,7 +50,7 @@ def replay(
     case: CasePath,
     *,
     recording: File,
-    out: Annotated[Path, Option(metavar="FILE.csv")],
+    out: Csv,
     model: Model = None,
     engine: Engine = None,
 ) -> None:
@@ -54,7 +63,7 @@ def replay(
     from gapscope.commands.inputs import read_recording
     from gapscope.interface.models import replay as replay_recording
 
-    with Progress(recording.name) as progress:
+    with Progress(recording) as progress:
         progress("reads")
         loaded, motion = read_recording(case, recording)
         replayed = replay_recording(
@@ -74,7 +83,7 @@ def gap(
     """Measure the gap alone, per joint, of a nominal or corrected arm."""
     from gapscope.interface.models import gap as measure_gap
 
-    with Progress(case.name or str(case)) as progress:
+    with Progress(case) as progress:
         progress("measures the gap")
         measured = measure_gap(case, model)
     show(measured, as_json=json_)
@@ -106,7 +115,7 @@ def view(
     from gapscope.reports.scene import Scene, write_layout, write_mcap
 
     layout = out.with_suffix(".foxglove.json")
-    with Progress(case.name or str(case)) as progress:
+    with Progress(case) as progress:
         progress("predicts and replays")
         loaded = load_case(case)
         chosen = recording_of(loaded, recording or 0)
@@ -139,8 +148,8 @@ def export(
     *,
     out: File,
     format_: str,
-    case: Annotated[Path | None, Option(metavar="CASE")] = None,
-    robot: Annotated[str | None, Option(metavar="ROBOT")] = None,
+    case: CaseOption = None,
+    robot: RobotName = None,
     relative_meshes: bool = False,
     randomise: bool = False,
     unit: Annotated[list[Path] | None, Option(metavar="DIR")] = None,
@@ -179,7 +188,7 @@ def export(
             "give the case that was diagnosed, with its data sheet; or a robot without one",
             where="--case",
         )
-    with Progress(corrected.name) as progress:
+    with Progress(corrected) as progress:
         progress(f"writes {format_}")
         arm, controller = read_arm_and_controller(str(robot if case is None else case))
         # the output may be another path to what is read

@@ -37,6 +37,10 @@ Engine = Annotated[
     ),
 ]
 
+CaseOption = Annotated[Path | None, Option(metavar="CASE")]
+RobotName = Annotated[str | None, Option(metavar="ROBOT")]
+Names = Annotated[list[str] | None, Option(metavar="NAME")]
+Csv = Annotated[Path, Option(metavar="FILE.csv")]
 AsJson = Annotated[bool, Option(help="print JSON to standard output")]
 
 # a trajectory within limits

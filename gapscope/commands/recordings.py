@@ -109,7 +109,7 @@ def record(
         make_folder(sealed)
     rng, name = np.random.default_rng(seed), out.resolve().name
 
-    with Progress(out.name or str(out)) as progress, locked(out):
+    with Progress(out) as progress, locked(out):
         with error_context(effects, truth):
             made = (name, arm, truth, plan, rng)
             # faults lie in the log, not in the arm: they come after the recording
@@ -220,10 +220,9 @@ def advise(
     check_csv(out)
     load = read_payload(payload, payload_com)
     request = AdviceRequest(limits, load, fastest, rate, evaluations, seed)
-    label = case.name or str(case)
-    with Progress(label) as progress:
+    with Progress(case) as progress:
         found = read_findings(case, diagnosis, progress)
-    with SearchProgress(label, "separation") as search:
+    with SearchProgress(progress.label, "separation") as search:
         result = advise_case(found, request, progress=search)
         motion = result.trajectory
         paths = () if motion is None else motion.write(out)

@@ -7,8 +7,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
+import yaml
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.layouts import STEPS_PER_TURN, UNITS, Layout, with_sign
@@ -25,51 +27,16 @@ SIGN_BITS = (10, 15)
 # What the name of a column says that it holds.
 
 
-QUANTITIES = {
-    "position": {"q", "position", "pos", "angle", "theta", "winkel", "state", "action"},
-    "velocity": {"dq", "qd", "qdot", "velocity", "vel", "speed", "omega"},
-    "acceleration": {"ddq", "qdd", "acceleration", "acc"},
-    "torque": {"tau", "torque", "effort", "eff", "moment", "drehmoment", "trq", "load"},
-    "current": {"current", "cur", "curr", "amp", "amps", "i", "iq", "strom"},
-    "temperature": {"temperature", "temp"},
-    "time": {"t", "time", "timestamp", "stamp", "sec", "secs", "seconds", "zeit"},
-}
+_WORDS = yaml.safe_load(
+    Path(__file__).with_name("words.yaml").read_text(encoding="utf-8")
+)
+QUANTITIES = {name: set(words) for name, words in _WORDS["quantities"].items()}
 """Words for a quantity; the first match in this order counts."""
-STATES = {"state", "action"}
-"""Those of them that are positions if nothing else is said."""
-REFERENCE = {
-    "ref",
-    "reference",
-    "target",
-    "desired",
-    "des",
-    "d",
-    "cmd",
-    "cmptd",
-    "command",
-    "commanded",
-    "setpoint",
-    "goal",
-    "action",
-    "control",
-}
-"""Words for what was asked for, in place of what was measured."""
-SENSOR = {"sensor", "sm", "ft"}
-"""Words for a joint torque sensor."""
-NOT_OF_JOINTS = {
-    "tcp",
-    "cartesian",
-    "pose",
-    "wrench",
-    "ext",
-    "external",
-    "error",
-    "digital",
-    "analog",
-    "mode",
-    "status",
-}
-"""Words for what is not a quantity of the joints, or a difference of two."""
+STATES, REFERENCE, SENSOR, NOT_OF_JOINTS = (
+    set(_WORDS[name]) for name in ("states", "reference", "sensor", "not_of_joints")
+)
+"""Those of them that are positions if nothing else is said; for what was asked for, in place of what was measured; for
+a joint torque sensor; for what is not a quantity of the joints, or a difference of two."""
 
 
 @dataclass(frozen=True)
@@ -685,12 +652,16 @@ WARM = (10.0, 120.0)
 """Range of temperatures of all joints [degC]."""
 
 
+_Window = tuple[int, ...]
+"""Places of columns that may be a block, from 0."""
+
+
 @dataclass(frozen=True)
 class _Block:
     """Columns of one quantity: what they hold, in words of ``meaning_of``, their places from 0, and what tells."""
 
     holds: str
-    places: tuple[int, ...]
+    places: _Window
     why: str
 
     def group(self, columns: Sequence[tuple[str, np.ndarray]]) -> ColumnGroup:
@@ -835,13 +806,10 @@ class _Blocks:
             return [_Block("position", order, "the only columns, one for each joint")]
         windows = self._windows(n, order)
         pairs = self._pairs(windows)
-        of_pairs, of_windows = self._by_derivatives, self._by_smoothness
-        found = of_pairs(pairs) if pairs else of_windows(windows)
-        if not found:
-            return []
-        return [*found, *self._rest(n, order, found)]
+        found = self._by_derivatives(pairs) if pairs else self._by_smoothness(windows)
+        return [*found, *self._rest(windows, order, found)] if found else []
 
-    def _arrangement(self) -> tuple[int, tuple[int, ...]]:
+    def _arrangement(self) -> tuple[int, _Window]:
         """Number of joints, and the columns in an order in which those of a quantity follow each other.
 
         That in which one block is most the derivative of another; without any, in which a block is smoothest.
@@ -852,7 +820,7 @@ class _Blocks:
         # one joint after the other
         every += [(self.count // k, self._turned(k)) for k in range(2, most + 1)]
 
-        def rank(arrangement: tuple[int, tuple[int, ...]]) -> tuple[float, bool, int]:
+        def rank(arrangement: tuple[int, _Window]) -> tuple[float, bool, int]:
             n, order = arrangement
             sure = 0.0
             for (own, *_), one, other in self._scored(self._windows(n, order)):
@@ -872,12 +840,12 @@ class _Blocks:
         if self.count % n == 0 and self.count > n:
             orders.append(self._turned(self.count // n))
 
-        def roughest(order: tuple[int, ...]) -> float:
+        def roughest(order: _Window) -> float:
             return min(rough[list(w)].max() for w in self._windows(n, order))
 
         return n, min(orders, key=roughest)
 
-    def _turned(self, stride: int) -> tuple[int, ...]:
+    def _turned(self, stride: int) -> _Window:
         """The columns joint by joint put block by block, for so many blocks; a rest of columns is left out."""
         whole = range(self.count // stride * stride)
         return tuple(sorted(whole, key=lambda place: place % stride))
@@ -905,15 +873,15 @@ class _Blocks:
         second = np.diff(self.values, n=2, axis=0)[both].std(axis=0)
         return np.where(first > 0, second / np.maximum(first, 1e-300), 0.0)
 
-    def _windows(self, n: int, order: tuple[int, ...]) -> list[tuple[int, ...]]:
+    def _windows(self, n: int, order: _Window) -> list[_Window]:
         """Every n columns that may be a block."""
         # joint after joint blocks stand n apart, else a block may begin anywhere
         step = 1 if order == tuple(range(self.count)) else n
         return [order[s : s + n] for s in range(0, len(order) - n + 1, step)]
 
     def _scored(
-        self, windows: Sequence[tuple[int, ...]]
-    ) -> list[tuple[tuple[float, ...], tuple[int, ...], tuple[int, ...]]]:
+        self, windows: Sequence[_Window]
+    ) -> list[tuple[tuple[float, ...], _Window, _Window]]:
         """Blocks and those that are their derivatives, the surest first.
 
         With each the columns that do not follow less those that do by one factor, and how badly they follow.
@@ -935,11 +903,9 @@ class _Blocks:
                 scored.append(((strange - alike, -alike, -cosine), one, other))
         return sorted(scored)
 
-    def _pairs(
-        self, windows: Sequence[tuple[int, ...]]
-    ) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    def _pairs(self, windows: Sequence[_Window]) -> list[tuple[_Window, _Window]]:
         """Blocks and those that are their derivatives, the surest first; no two overlap."""
-        taken: list[tuple[int, ...]] = []
+        taken: list[_Window] = []
         pairs = []
         for _, one, other in self._scored(windows):
             news = [window for window in (one, other) if window not in taken]
@@ -950,9 +916,7 @@ class _Blocks:
             pairs.append((one, other))
         return pairs
 
-    def _by_derivatives(
-        self, pairs: Sequence[tuple[tuple[int, ...], tuple[int, ...]]]
-    ) -> list[_Block]:
+    def _by_derivatives(self, pairs: Sequence[tuple[_Window, _Window]]) -> list[_Block]:
         """Positions, velocities and accelerations of measured motion and of references."""
         # a derivative of another block is no position
         positions = {one for one, _ in pairs} - {other for _, other in pairs}
@@ -982,9 +946,7 @@ class _Blocks:
                 known.add(other)
         return found
 
-    def _measured(
-        self, windows: Sequence[tuple[int, ...]]
-    ) -> tuple[tuple[int, ...], list[_Block]]:
+    def _measured(self, windows: Sequence[_Window]) -> tuple[_Window, list[_Block]]:
         """Of blocks of one quantity the one that was measured, and the others as references."""
         measured, *others = windows
         references = []
@@ -994,7 +956,7 @@ class _Blocks:
             references.append(_Block("reference position", reference, why))
         return measured, references
 
-    def _like(self, one: tuple[int, ...], other: tuple[int, ...]) -> bool:
+    def _like(self, one: _Window, other: _Window) -> bool:
         """Whether two blocks hold the same quantity: joint by joint of one course and size."""
         x, y = self.values[:, list(one)], self.values[:, list(other)]
         moving = (np.ptp(x, axis=0) > 0) & (np.ptp(y, axis=0) > 0)
@@ -1007,9 +969,7 @@ class _Blocks:
         # of the same size within a factor of two: a scaled copy is something else
         return bool(np.median(cosine) > SAME and np.abs(np.log(size)).max() < np.log(2))
 
-    def _reference_first(
-        self, one: tuple[int, ...], other: tuple[int, ...]
-    ) -> tuple[bool, str]:
+    def _reference_first(self, one: _Window, other: _Window) -> tuple[bool, str]:
         """Whether the first of two blocks of one quantity is the reference of the other; and what tells."""
         steps = [
             np.diff(self.values[:, list(window)], axis=0) for window in (one, other)
@@ -1024,18 +984,16 @@ class _Blocks:
         if max(noise) > NOISIER * min(noise):
             return noise[0] < noise[1], "like what was measured, and smoother"
         # by how many rows a block comes after another of the same quantity; 0 if it does not follow it
-        lags = []
-        for a, b in zip(
-            self.values.T[list(one)], self.values.T[list(other)], strict=True
-        ):
-            slope = np.gradient(a) - np.gradient(a).mean()
-            if (slope @ slope) > 0:
-                # late by d rows: the error is -d times the slope
-                lags.append(slope @ (a - b) / (slope @ slope))
-        ahead = bool(lags) and float(np.median(lags)) > 0
+        a, b = (self.values[:, list(window)] for window in (one, other))
+        slope = np.gradient(a, axis=0)
+        slope = slope - slope.mean(axis=0)
+        power = (slope**2).sum(axis=0)
+        # late by d rows: the error is -d times the slope
+        lags = (slope * (a - b)).sum(axis=0)[power > 0] / power[power > 0]
+        ahead = bool(len(lags)) and float(np.median(lags)) > 0
         return ahead, "like what was measured, and ahead of it"
 
-    def _within_limits(self, window: tuple[int, ...]) -> bool:
+    def _within_limits(self, window: _Window) -> bool:
         """Whether columns stay within the limits of the robot in one of the units of positions."""
         if self.arm is None or len(window) != self.arm.n_joints:
             return False
@@ -1050,7 +1008,7 @@ class _Blocks:
             for f in (UNITS[unit] for unit in ANGLES)
         )
 
-    def _by_smoothness(self, windows: Sequence[tuple[int, ...]]) -> list[_Block]:
+    def _by_smoothness(self, windows: Sequence[_Window]) -> list[_Block]:
         """The positions of a log that holds no velocity: the smoothest columns within the robot's limits."""
         rough = self._roughness()
         moving = [w for w in windows if not self.still[list(w)].all()]
@@ -1074,18 +1032,18 @@ class _Blocks:
         return [_Block("position", measured, why), *references]
 
     def _rest(
-        self, n: int, order: tuple[int, ...], found: Sequence[_Block]
+        self, every: Sequence[_Window], order: _Window, found: Sequence[_Block]
     ) -> list[_Block]:
         """Blocks beside those that are known: references, temperatures, and possible torques, the likeliest first."""
         starts = [order.index(block.places[0]) for block in found]
 
-        def away(window: tuple[int, ...]) -> int:
+        def away(window: _Window) -> int:
             return min(abs(order.index(window[0]) - start) for start in starts)
 
         # blocks fill what lies beside those that are known, from these on
         taken = {place for block in found for place in block.places}
         windows = []
-        for window in sorted(self._windows(n, order), key=away):
+        for window in sorted(every, key=away):
             if not taken & set(window):
                 windows.append(window)
                 taken |= set(window)
@@ -1097,7 +1055,7 @@ class _Blocks:
         moving.sort(key=lambda window: -self._explained(position, window))
         return [self._other(window, position) for window in moving]
 
-    def _explained(self, position: tuple[int, ...], window: tuple[int, ...]) -> float:
+    def _explained(self, position: _Window, window: _Window) -> float:
         """Share of the variance of a block that the motion of each column's own joint explains [1]."""
         shares = []
         for p, w in zip(position, window, strict=True):
@@ -1111,7 +1069,7 @@ class _Blocks:
             shares.append(1 - left.var() / max(y.var(), 1e-300))
         return float(np.mean(shares))
 
-    def _other(self, window: tuple[int, ...], position: tuple[int, ...]) -> _Block:
+    def _other(self, window: _Window, position: _Window) -> _Block:
         """A block that no derivative tells."""
         x = self.values[:, list(window)]
         if self._like(position, window):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import starmap
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,8 +14,10 @@ from typing import Any
 
 import numpy as np
 import yaml
+from jinja2 import Environment
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.display import figures, marked
 from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.dynamics.link_shapes import read_frames
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -167,8 +169,7 @@ def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
         return [f"it is {values[0, 0]:g} throughout: nothing was measured"]
     facts = []
     if silent.any():
-        numbers = ", ".join(str(j + 1) for j in np.flatnonzero(silent))
-        facts.append(f"it never changes on joint {numbers}")
+        facts.append(f"it never changes on joint {marked(silent)}")
     # gravity may hold one joint on one side, hardly all of them throughout
     if (values >= 0).all():
         facts.append("it is never negative: a magnitude, whose sign is lost")
@@ -187,7 +188,7 @@ def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
     }
     gains = exact_gains((replace(recording, **rates),))
     if gains is not None:
-        kp, kd = (", ".join(f"{x:.4g}" for x in own) for own in gains.T)
+        kp, kd = map(figures, gains.T)
         facts.append(
             f"it is computed, not measured: kp (q_ref - q) + kd (dq_ref - dq) with kp {kp} and kd {kd}. "
             "As a command that is what it should be; whether the arm obeyed these gains, the log does not say"
@@ -209,8 +210,7 @@ def _multiples(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator
         if (rms(values - factors * source) <= EXACT * values.std(axis=0)).all():
             said = f"it equals {other.group.pattern}"
             if not np.allclose(factors, 1.0, atol=EXACT):
-                listed = ", ".join(f"{factor:.4g}" for factor in factors)
-                said = f"it is {other.group.pattern} times {listed}"
+                said = f"it is {other.group.pattern} times {figures(factors)}"
             yield said
 
 
@@ -282,10 +282,8 @@ def oddities_of(
         return
     # in the words of the reader, which says the same of the drafted case
     ones = np.ones(recording.n_joints)
-    t, values, notes = put_right(recording.t, recording.channels, ones)
-    channels_read: dict[str, Any] = values
-    read = Recording(where, t, **channels_read)
-    for note in (*notes, *held_notes(read)):
+    read = put_right(recording, ones)
+    for note in (*read.notes, *held_notes(read)):
         yield odd(note)
     slow, remedy = slow_words(read)
     if slow:
@@ -302,9 +300,8 @@ def oddities_of(
         said = f"the arm stands still: no joint moves by {STILL:g} rad"
         yield odd(said, "record a motion of all joints")
     elif still.any():
-        numbers = ", ".join(str(j + 1) for j in np.flatnonzero(still))
         yield odd(
-            f"joint {numbers} does not move: its friction, armature and zero cannot be told",
+            f"joint {marked(still)} does not move: its friction, armature and zero cannot be told",
             "move every joint, slowly and fast, in both directions",
         )
 
@@ -609,65 +606,52 @@ def case_text(found: Inspection, folder: Path, robot: str | None) -> str:
         folder: in which the case will stand; the logs are named relative to it.
         robot: what ``robot:`` shall say; ``None`` if no robot is known.
     """
-    names = ", ".join(log.path.name for log in found.logs[:4])
-    more = f" and {len(found.logs) - 4} more" if len(found.logs) > 4 else ""
-    name = found.main.log.path.stem if found.arm is None else found.arm.name
-    lines = [
-        f"# Drafted by gapscope inspect from {names}{more}. Every entry is a guess, with its reason beside it.",
-        f"name: {flow(name)}",
-        *_robot(found, robot),
-        *_recordings(found, folder),
-        "import:",
-    ]
-    for text, reason in _import(found):
-        # beside its line if short, else above
-        if len(reason) > BESIDE:
-            lines += [f"  # {part}" for part in wrap(reason, ABOVE)]
-            reason = ""
-        lines.append(f"  {text}  # {reason}" if reason else f"  {text}")
-    return "\n".join([*lines, *_data_sheet(found)]) + "\n"
-
-
-def _robot(found: Inspection, robot: str | None) -> Iterator[str]:
-    """The robot, and its joints if the log has fewer or other ones."""
-    if robot is None:
-        yield "robot: robot.urdf  # not known: put the URDF or MJCF of the arm here"
-        return
-    yield f"robot: {flow(robot)}"
-    assert found.arm is not None
-    listed = flow(list(found.arm.joints))
-    # the joints of the whole file in its order need not be said
-    if list(found.arm.joints) == actuated_joints(read_description(found.arm.urdf)):
-        yield f"# joints: {listed}  # the order of the columns, if it is another"
-    else:
-        yield f"joints: {listed}  # those of the robot that the log has; all others stay where they are"
-
-
-def _recordings(found: Inspection, folder: Path) -> Iterator[str]:
-    """The recordings, and the load of each whose robot was told of one."""
+    arm = found.arm
 
     def relative(table: InspectedTable) -> str:
         way = os.path.relpath(table.log.path.resolve(), folder.resolve())
         return Path(way).as_posix()
 
-    yield "recordings:"
+    recordings: list[str | dict[str, str]] = []
     loads = {}
     for entry in found.entries:
         paths = {label: relative(table) for label, table in entry.items()}
         first, *others = paths.values()
         # side by side within one log: its path alone names all of them
         alone = all(path == first for path in others)
-        yield f"  - {flow(first if alone else paths)}"
-        if found.arm is not None:
-            loads[first] = told_load(next(iter(entry.values())), found.arm)
-    # of two, one held out would leave a single one to fit
-    if len(found.entries) > 2:
-        yield "# judge: [FILE]  # name one of them here in place of above: it is held out and never fitted"
-    told = {path: load for path, load in loads.items() if load is not None}
-    if told:
-        yield "payloads:"
-    for path, (load, why) in told.items():
-        yield f"  {flow(path)}: {flow(load.entry())}  # {why}"
+        recordings.append(first if alone else paths)
+        load = arm and told_load(next(iter(entry.values())), arm)
+        if load:
+            loads[first] = load
+    # what only a data sheet can say, or of a known robot its file
+    sheet = {}
+    zeros = [0.0] * found.n_joints
+    for quantity, name in SHEET.items():
+        unit, values = SHEET_UNITS[name], zeros
+        if arm is not None:
+            unit = common_unit(unit, arm.sliding)
+            # six digits: what a file says, without what floats add to it
+            values = [float(f"{x:.6g}") for x in getattr(arm, name)]
+        if quantity == "rotor":
+            unit += ": rotor inertia times gear ratio squared"
+        sheet[name] = values, unit
+    return filled(
+        Path(__file__).with_name("case.yaml.j2"),
+        logs=[log.path.name for log in found.logs],
+        name=found.main.log.path.stem if arm is None else arm.name,
+        robot=robot,
+        joints=None if arm is None else list(arm.joints),
+        # the joints of the whole file in its order need not be said
+        every=None if arm is None else actuated_joints(read_description(arm.urdf)),
+        recordings=recordings,
+        loads=loads,
+        lines=_import(found),
+        beside=BESIDE,
+        sheet=sheet,
+        referenced="q_ref" in found.chosen,
+        rate=_rounded(float(f"{found.main.time.rate:.4g}")),
+        zeros=zeros,
+    )
 
 
 def _import(found: Inspection) -> Iterator[tuple[str, str]]:
@@ -786,28 +770,16 @@ def _columns_entry(
     return group.pattern if complete else names
 
 
-def _data_sheet(found: Inspection) -> Iterator[str]:
-    """What only a data sheet can say, or of a known robot its file, and a controller if the log has a reference."""
-    yield "# nominal:  # the data sheet, one value per joint, joint side; take the # away to state it"
-    zeros = [0.0] * found.n_joints
-    for quantity, name in SHEET.items():
-        unit, values = SHEET_UNITS[name], zeros
-        if found.arm is not None:
-            unit = common_unit(unit, found.arm.sliding)
-            # six digits: what a file says, without what floats add to it
-            values = [float(f"{x:.6g}") for x in getattr(found.arm, name)]
-        if quantity == "rotor":
-            unit += ": rotor inertia times gear ratio squared"
-        yield f"#   {name}: {flow(values)}  # {unit}"
-    yield "#   encoder: motor  # motor, or joint: the side of the gear on which the position is measured"
-    if "q_ref" in found.chosen:
-        rate, gains = _rounded(float(f"{found.main.time.rate:.4g}")), flow(zeros)
-        yield f"# controller: {{kind: pd, rate: {rate}, kp: {gains}, kd: {gains}}}  # for replay: N m/rad, N m s/rad"
-
-
 def _rounded(rate: float) -> float | int:
     # one whole number of hertz reads as that
     return int(rate) if rate == int(rate) else rate
+
+
+def filled(template: Path, **content: Any) -> str:
+    """A template of a YAML file, filled; ``flow`` writes a value on one line, ``wrap`` a reason on several."""
+    environment = Environment(trim_blocks=True, keep_trailing_newline=True)
+    environment.filters |= {"flow": flow, "wrap": partial(wrap, width=ABOVE)}
+    return environment.from_string(template.read_text("utf-8")).render(**content)
 
 
 def flow(value: Any) -> str:

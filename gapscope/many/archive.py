@@ -7,10 +7,10 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from datetime import datetime
+from functools import lru_cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path, PurePath
-from threading import Lock
 from typing import Any, NamedTuple
 from urllib.parse import parse_qs, unquote_to_bytes
 
@@ -40,8 +40,8 @@ LARGEST = 50_000_000
 """Files that are larger are no diagnosis, which has some 100 kB [bytes]."""
 _OTHER_VERSION = (LookupError, TypeError, ValueError, ArithmeticError)
 """What a document of the schema can still lead to; it must not hide the others."""
-_State = tuple[int, int, bool]
-"""Time of the last change [ns], size [bytes], and whether there is a report."""
+KEPT = 100_000
+"""Rows of files that are not read again while they are unchanged [1]. (budget)"""
 
 
 class Archive:
@@ -60,64 +60,55 @@ class Archive:
         if not root.is_dir():
             remedy = "give the folder in which gapscope diagnose wrote its results"
             raise InputError("is not a folder", remedy, file=root)
-        self.root = root.resolve()
-        self.units_by = units_by
-        self._known: dict[Path, tuple[_State, Row]] = {}
-        self._lock = Lock()
+        self.root, self.units_by = root.resolve(), units_by
+        # by all that changes with its content: a file is read again only if it has changed
+        self._row_of = lru_cache(KEPT)(self._read)
 
     def rows(self, progress: Callable[[str], None] | None = None) -> list[Row]:
         """All diagnoses as they are now, the latest first."""
-        lost = []
+        rows: list[Row] = []
 
         def closed(error: OSError) -> None:
             problem = f"folder: {error.strerror}"
-            lost.append(self._unreadable(Path(error.filename), problem))
+            rows.append(self._unreadable(Path(error.filename), problem))
 
-        with self._lock:
-            known = {}
-            for folder, folders, files in os.walk(self.root, onerror=closed):
-                # in place: the walk enters what is left in this list
-                folders[:] = [name for name in folders if not name.startswith(".")]
-                if DOCUMENT not in files:
-                    continue
-                file = Path(folder, DOCUMENT)
-                known[file] = self._current(file, REPORT in files)
-                if progress and len(known) % 100 == 0:
-                    progress(f"{len(known)} diagnoses")
-            # what is gone from the disk is forgotten
-            self._known = known
-        rows = [row for _, row in known.values()] + lost
+        for folder, folders, files in os.walk(self.root, onerror=closed):
+            # in place: the walk enters what is left in this list
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            if DOCUMENT not in files:
+                continue
+            file = Path(folder, DOCUMENT)
+            try:
+                found = file.stat()
+                state = (found.st_mtime, found.st_size, REPORT in files)
+                rows.append(self._row_of(file, *state))
+            except OSError as error:  # removed just now, or a link that leads nowhere
+                problem = f"cannot be read ({error.strerror})"
+                rows.append(self._unreadable(file.parent, problem))
+            if progress and len(rows) % 100 == 0:
+                progress(f"{len(rows)} diagnoses")
         return sorted(rows, key=lambda row: (row.date, row.folder))[::-1]
 
-    def _current(self, file: Path, has_report: bool) -> tuple[_State, Row]:
-        """State and row of a file: those known if it has not changed."""
-        try:
-            found = file.stat()
-        except OSError as error:  # removed just now, or a link that leads nowhere
-            problem = f"cannot be read ({error.strerror})"
-            return (0, 0, has_report), self._unreadable(file.parent, problem)
-        state = (found.st_mtime_ns, found.st_size, has_report)
-        known = self._known.get(file)
-        if known and known[0] == state:
-            return known
-        changed = datetime.fromtimestamp(found.st_mtime)
+    def _read(self, file: Path, changed: float, size: int, has_report: bool) -> Row:
+        """The row of a file, last changed at a time [s since 1970]."""
+        date = datetime.fromtimestamp(changed)
         # links resolved first: one may lead out of the folder
         if not file.resolve().is_relative_to(self.root):
             problem = "is a link that leaves the folder"
         elif not file.is_file():
             problem = "is not a file"
-        elif found.st_size > LARGEST:
+        elif size > LARGEST:
             problem = "is too large for a diagnosis"
         else:
             try:
-                return state, self._row(file, changed, has_report)
+                return self._row(file, date, has_report)
             except InputError as error:
                 problem = error.problem
             except RecursionError:
                 problem = "is nested too deeply"
             except _OTHER_VERSION as error:
                 problem = f"is of another version of Gapscope ({error!r})"
-        return state, self._unreadable(file.parent, problem, changed)
+        return self._unreadable(file.parent, problem, date)
 
     def _row(self, file: Path, changed: datetime, has_report: bool) -> Row:
         """The row of a diagnosis, with no more of its document than tables and histories show."""

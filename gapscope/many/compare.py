@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -22,6 +22,7 @@ from gapscope.diagnosis.change_points import (
 )
 from gapscope.diagnosis.compare_units import ANGLES, ORDER, shared_effects
 from gapscope.diagnosis.document.numbers import Number
+from gapscope.diagnosis.document.wording import Document
 from gapscope.diagnosis.thresholds import EFFECT_FORM, FALSE_CHANGES, SHORTEST_HISTORY
 from gapscope.many.rows import NUMBER, PLACE, FleetStore
 
@@ -61,7 +62,7 @@ class History:
             return appearance(self.values.astype(bool).tolist())
         return change_point(self.values, self.stds)
 
-    def changes(self, level: float) -> Iterator[dict[str, Any]]:
+    def changes(self, level: float) -> Iterator[Document]:
         """Its changes as ``fleet.json`` has them; parts before and after one are tested again at a level."""
         days = [f"{time:%Y-%m-%d}" for time in self.diagnoses["recorded_at"]]
         stds: Sequence[float | None] = [None] * len(days)
@@ -151,7 +152,7 @@ EXTREMES = 5
 """Units that are listed as the farthest from the common value, at most [1]."""
 
 
-def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
+def _on_units(effects: pd.DataFrame, units: int) -> list[Document]:
     """Effects of the last diagnoses of several units; see ``gapscope.diagnosis.compare_units``.
 
     Args:
@@ -178,12 +179,12 @@ def _on_units(effects: pd.DataFrame, units: int) -> list[dict[str, Any]]:
         ]
         # one share for all units: their median
         shares = list(row.pop("shares").values())
-        row |= {"units": len(shares), "share": float(np.median(shares))}
+        row |= {"units": len(shares), "share": np.median(shares)}
         made.append({**row, "parameters": parameters})
     return sorted(made, key=lambda row: (ORDER.index(row["kind"]), -row["units"]))
 
 
-def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _extremes(parameter: Document) -> Iterator[Document]:
     """The units farthest from the common value, in standard deviations of a single unit."""
     together = parameter["together"]
     # a single unit has no others to be far from
@@ -199,9 +200,9 @@ def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     for k in np.argsort(-np.abs(deviation), kind="stable")[:EXTREMES]:
         yield {
             "unit": units[k],
-            "value": float(values[k]),
+            "value": values[k],
             "std": parameter["std"][units[k]],
-            "deviation": float(deviation[k]),
+            "deviation": deviation[k],
         }
 
 
@@ -210,30 +211,6 @@ def _extremes(parameter: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 MOST = 200
 """Entries of a list: the first of units, changes and failures are enough to act on; Parquet has all [1]."""
-COLUMNS = [
-    "result",
-    "case",
-    "unit",
-    "robot",
-    "date",
-    "recorded_at",
-    "joints",
-    "nominal_sha256",
-    "verdict",
-    "gap",
-    "excess",
-    "left",
-    "closed",
-    "effects",
-    "tries",
-    "error",
-    "kept",
-    "seconds",
-    "processor_seconds",
-    "recorded_seconds",
-]
-
-
 FAILURE = ["case", "unit", "date", "error", "tries"]
 
 
@@ -243,7 +220,7 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
     Raises:
         InputError: the store has no results, or they cannot be read.
     """
-    rows = store.cases(COLUMNS)
+    rows = store.cases()
     failed, cases = rows[rows["error"] != ""], rows[rows["error"] == ""]
     # only arms of one type are compared
     cases = cases.assign(type=cases["robot"] + "\0" + cases["joints"].map(" ".join))
@@ -261,10 +238,10 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         robots.append(
             {
                 "robot": robot,
-                "joints": list(of_type["joints"].iloc[0]),
+                "joints": of_type["joints"].iloc[0],
                 "cases": len(of_type),
                 "units": len(last),
-                "nominal_arms": int(last["nominal_sha256"].nunique()),
+                "nominal_arms": last["nominal_sha256"].nunique(),
                 "effects": _on_units(of_last, len(last))[:MOST],
             }
         )
@@ -284,8 +261,8 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         "cases": len(rows),
         "failed": len(failed),
         "units": sum(robot["units"] for robot in robots),
-        "recorded_hours": float(cases["recorded_seconds"].sum() / 3600),
-        "processor_hours": float(rows["processor_seconds"].sum() / 3600),
+        "recorded_hours": cases["recorded_seconds"].sum() / 3600,
+        "processor_hours": rows["processor_seconds"].sum() / 3600,
         "robots": robots,
         "histories": len(everything),
         "false_share": FALSE_CHANGES,
@@ -308,7 +285,7 @@ def _latest(cases: pd.DataFrame) -> pd.DataFrame:
     return in_time.drop_duplicates(["robot", "unit"], keep="last")
 
 
-def _worst(last: pd.DataFrame, changes: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _worst(last: pd.DataFrame, changes: list[Document]) -> list[Document]:
     """The last diagnoses, those with the largest gap over the floor first."""
     # of all changes, those beyond the listed ones too
     units = [change["unit"] for change in changes]
@@ -318,8 +295,8 @@ def _worst(last: pd.DataFrame, changes: list[dict[str, Any]]) -> list[dict[str, 
     return [
         {
             **row,
-            "effects": list(np.atleast_1d(row["effects"])),
-            "changes": int(counts.get(row["unit"], 0)),
+            "effects": np.atleast_1d(row["effects"]),
+            "changes": counts.get(row["unit"], 0),
         }
         for row in order[[*keys, "closed", "kept", "effects"]].to_dict("records")
     ]

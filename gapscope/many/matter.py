@@ -259,7 +259,7 @@ def matter(
 def _interval(values: np.ndarray) -> dict[str, float]:
     """Median and 95 % of values over seeds; infinite ones cannot be interpolated."""
     low, middle, high = np.quantile(values, INTERVAL, method="nearest")
-    return {"value": float(middle), "low": float(low), "high": float(high)}
+    return {"value": middle, "low": low, "high": high}
 
 
 def _measured(values: np.ndarray) -> dict[str, Any]:
@@ -280,15 +280,15 @@ def _rows(
             changes = np.abs([on - nominal, every - off])[..., 0].mean(axis=0)
         yield {
             "effect": one.low.name,
-            "joints": list(one.low.joints),
+            "joints": one.low.joints,
             "matters": _interval(np.nan_to_num(changes, posinf=inf)),
             "alone": _measured(on),
             "without": _measured(off),
             "range": {
                 p.name: {
                     "unit": p.unit,
-                    "low": one.low.parameters[p.name].tolist(),
-                    "high": one.high.parameters[p.name].tolist(),
+                    "low": one.low.parameters[p.name],
+                    "high": one.high.parameters[p.name],
                 }
                 for p in map(one.low.effect.parameter, one.high.given)
             },

@@ -19,7 +19,7 @@ from rich.text import Text
 
 from gapscope.arm.display import display_unit, effect_name, nrmse, percent, uncertain
 from gapscope.diagnosis.document.numbers import number_rows, place_text
-from gapscope.diagnosis.document.wording import VERDICTS, capital
+from gapscope.diagnosis.document.wording import VERDICTS, Document, capital
 from gapscope.envs.effect_ranges import Z95
 from gapscope.many import units as units_words
 from gapscope.many.rows import FAILED, Row
@@ -136,7 +136,7 @@ def render_table(rows: Sequence[Row], folder: str, number: int = 1) -> str:
     )
 
 
-def row_content(rows: Sequence[Row]) -> dict[str, Any]:
+def row_content(rows: Sequence[Row]) -> Document:
     """What ``archive/rows.html`` shows of some diagnoses."""
     return {
         "rows": rows,
@@ -270,7 +270,7 @@ def _drawn(numbers: pd.DataFrame, absent: Sequence[datetime], name: str) -> Mark
 # A fleet in words: its headline, places of effects, values and changes.
 
 
-def headline(content: Mapping[str, Any]) -> str:
+def headline(content: Document) -> str:
     """What a fleet's document says, in one sentence."""
     units = _count(content["units"], "unit")
     cases = _count(content["cases"], "case")
@@ -290,7 +290,7 @@ def value_words(value: float, std: float | None, unit: str) -> str:
     return f"{text} {shown}".strip()
 
 
-def change_words(change: Mapping[str, Any]) -> str:
+def change_words(change: Document) -> str:
     """What changed, from what to what."""
     before, after = change["before"], change["after"]
     # found more or less often: no value to give
@@ -304,7 +304,7 @@ def change_words(change: Mapping[str, Any]) -> str:
     return f"{name} from {values[0]} to {values[1]}"
 
 
-def change_line(change: Mapping[str, Any]) -> str:
+def change_line(change: Document) -> str:
     """A change as a line of the terminal."""
     effect = capital(effect_name(change["effect"]))
     dates = f"between {change['last_before']} and {change['first_after']}"
@@ -323,8 +323,8 @@ WIDTH, HEIGHT, MARGIN = 220, 46, 4
 """Size of the drawing and its margin [pixels]."""
 
 
-def sparkline(change: Mapping[str, Any]) -> Markup:
-    """The history of a change as SVG, in colours of the page."""
+def sparkline(change: Document) -> dict[str, Any]:
+    """The history of a change in pixels: ``points`` (x, y, and the ends of the bar), and ``levels`` (from, y, to)."""
     points = change["history"]
     days = [date.fromisoformat(point["date"]).toordinal() for point in points]
     # found and not found have no deviation
@@ -336,24 +336,19 @@ def sparkline(change: Mapping[str, Any]) -> Markup:
     # upwards on the screen is downwards in its coordinates
     drawn = np.concatenate([value, value - Z95 * std, value + Z95 * std, means])
     y = HEIGHT - _scaled(drawn, HEIGHT)
-    # the first three are the points and their ends, the last two the means
-    middle, low, high = y[: 3 * len(x)].reshape(3, -1)
-    bars = [f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in zip(x, low, high, strict=True)]
-    parts = [f'<path class="bars" d="{" ".join(bars)}"/>']
-    for a, b in zip(x, middle, strict=True):
-        parts.append(f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2"/>')
     # a change may lie before the points that are kept
     split = sum(point["date"] <= change["last_before"] for point in points)
     spans = (x[: max(split, 1)], x[min(split, len(x) - 1) :])
-    for level, own in zip(y[-2:], spans, strict=True):
-        line = f"M{own[0] - 2:.1f} {level:.1f}H{own[-1] + 2:.1f}"
-        parts.append(f'<path class="mean" d="{line}"/>')
-    label = f"{len(points)} diagnoses, {points[0]['date']} to {points[-1]['date']}"
-    # all parts are numbers and dates
-    return Markup(
-        f'<svg class="sparkline" role="img" aria-label="{label}" width="{WIDTH}" height="{HEIGHT}">'
-        f"<title>{label}</title>{''.join(parts)}</svg>"
-    )
+    return {
+        "width": WIDTH,
+        "height": HEIGHT,
+        # the first three are the points and their ends, the last two the means
+        "points": [*zip(x, *y[:-2].reshape(3, -1), strict=True)],
+        "levels": [
+            (own[0] - 2, level, own[-1] + 2)
+            for level, own in zip(y[-2:], spans, strict=True)
+        ],
+    }
 
 
 def _scaled(numbers: np.ndarray, size: int) -> np.ndarray:
@@ -375,7 +370,7 @@ KINDS = {
 }
 
 
-def render_fleet(content: Mapping[str, Any], path: Path, *, reports: bool) -> None:
+def render_fleet(content: Document, path: Path, *, reports: bool) -> None:
     """Write the page.
 
     Args:
@@ -409,7 +404,7 @@ SHOWN = 10
 """Changes and units that are shown [1]."""
 
 
-def summary(content: Mapping[str, Any]) -> Group:
+def summary(content: Document) -> Group:
     """The first lines of ``fleet.json``."""
     lines = [capital(headline(content))]
     lines += [change_line(change) for change in content["changes"][:SHOWN]]

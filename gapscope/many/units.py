@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import log
 from typing import Any
 
@@ -19,7 +19,7 @@ from gapscope.arm.display import (
     uncertain,
 )
 from gapscope.diagnosis.compare_units import DIFFERING, NOMINAL, ONE, SHARED, SOME
-from gapscope.diagnosis.document.wording import capital, joint_ranges
+from gapscope.diagnosis.document.wording import Document, capital, joint_ranges
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
 from gapscope.effects.catalogue import known_effect
 from gapscope.reports.diagnosis import ADDING
@@ -27,8 +27,6 @@ from gapscope.reports.pages import PageSection, terminal_table
 
 # The comparison of units as a person reads it: ``units.json`` in words, for the summary and the terminal.
 
-
-Content = Mapping[str, Any]
 
 MEANING = {
     SHARED: "the model of this type of arm lacks it",
@@ -44,14 +42,14 @@ _SHEET = {"urdf": "URDF", "torque_limit": "torque limits"} | {
 TOLERANCE = f"or worse by less than {ALIKE_NRMSE:g} NRMSE on every joint"
 
 
-def findings(group: Content) -> list[dict[str, Any]]:
+def findings(group: Document) -> Sequence[Document]:
     """Effects of a group, places with one answer together, in words.
 
     Returns:
         Of each effect ``name``, ``place``, ``kind`` as in ``units.json``, ``label`` (the kind in words), ``meaning``
         (what follows from it), ``notes`` (units that have it under another name) and ``lines`` (its numbers).
     """
-    alike: dict[tuple[Any, ...], list[Content]] = {}
+    alike: dict[tuple[Any, ...], list[Document]] = {}
     for row in group["effects"]:
         # alike in all but the joint: one line for several joints
         same = [row[key] for key in ("effect", "kind", "agree", "link")]
@@ -95,7 +93,7 @@ def findings(group: Content) -> list[dict[str, Any]]:
     return made
 
 
-def _line(units: Sequence[str], row: Content, value: Content) -> dict[str, Any]:
+def _line(units: Sequence[str], row: Document, value: Document) -> Document:
     """One number of an effect: ``label``, ``entries`` by unit, ``together``, ``scatter``, whether it ``differs``."""
     definition = known_effect(row["effect"])
     # what adds to the nominal arm shows its sign
@@ -132,7 +130,7 @@ def _line(units: Sequence[str], row: Content, value: Content) -> dict[str, Any]:
     }
 
 
-def heading(group: Content) -> str:
+def heading(group: Document) -> str:
     """How many effects the units of a group share, in one sentence."""
     kinds = [finding["kind"] for finding in findings(group)]
     words = {
@@ -151,7 +149,7 @@ def heading(group: Content) -> str:
     return f"Effects found: {none}{listing(parts)}."
 
 
-def nominal_note(group: Content) -> str:
+def nominal_note(group: Document) -> str:
     """Note on different nominal arms of the cases; empty if they are the same."""
     differs = [_SHEET.get(key, key) for key in group["nominal_differs"]]
     if not differs:
@@ -163,7 +161,7 @@ def nominal_note(group: Content) -> str:
     )
 
 
-def cells(confusion: Content) -> list[tuple[str, list[dict[str, Any]]]]:
+def cells(confusion: Document) -> list[tuple[str, list[Document]]]:
     """The confusion row by row with its label.
 
     Each cell has its ``value`` (NRMSE), ``heat`` from 0 to 1 on a logarithmic scale, and whether it is of the unit's
@@ -174,7 +172,7 @@ def cells(confusion: Content) -> list[tuple[str, list[dict[str, Any]]]]:
     known = [v for line in lines for v in line if v is not None and v > 0]
     low, high = (min(known), max(known)) if known else (1.0, 1.0)
 
-    def cell(row: str, unit: str, value: float | None) -> dict[str, Any]:
+    def cell(row: str, unit: str, value: float | None) -> Document:
         heat = log(value / low) / log(high / low) if value and high > low else 0.0
         # one of each column: the arm that predicts this unit best
         best = row == confusion["best"][unit]
@@ -194,7 +192,7 @@ def row_label(row: str) -> str:
     return "nominal arm" if row == NOMINAL else f"corrected arm of {row}"
 
 
-def told_apart(confusion: Content) -> list[str]:
+def told_apart(confusion: Document) -> list[str]:
     """What the confusion says, in sentences; units that are all confused with each other in one."""
     confused = {
         unit: [unit, *confusion["confused_with"][unit]] for unit in confusion["columns"]
@@ -232,7 +230,7 @@ def told_apart(confusion: Content) -> list[str]:
 # The comparison of units as tables on the terminal.
 
 
-def fleet_tables(content: Mapping[str, Any]) -> Group:
+def fleet_tables(content: Document) -> Group:
     """The content of ``units.json``: per type of arm the effects with the units that have them, and the confusion."""
     parts: list[RenderableType] = []
     for group in content["groups"]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.case import load_case
+from gapscope.arm.display import marked
 from gapscope.arm.dynamics.description import (
     Description,
     Joint,
@@ -126,8 +127,7 @@ def static_poses(robot: str | Path, recording: Path) -> dict[str, Any]:
     opposite = correlation < OPPOSITE
     if opposite.any() and not opposite.all():
         signs = np.where(opposite, -1.0, 1.0)
-        joints = ", ".join(str(j + 1) for j in np.flatnonzero(opposite))
-        name = f"torque of the opposite sign on joint {joints}"
+        name = f"torque of the opposite sign on joint {marked(opposite)}"
         found.append(explained(name, torque - signs * by_model))
     # inertials of the next and of the previous link, if they make an arm
     for by, word in ((1, "next"), (-1, "previous")):

@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 from scipy.stats import f as fisher
 
+from gapscope.arm.display import figures
 from gapscope.arm.dynamics.description import (
     Description,
     Inertial,
@@ -150,7 +151,7 @@ def check_inertials(
         if inertial is None:
             continue
         mass, moments = inertial.mass, np.linalg.eigvalsh(inertial.moments)
-        said = f"principal moments {_listed(moments)} kg m^2"
+        said = f"principal moments {figures(moments, 3)} kg m^2"
         if mass == 0 and not moments.any():
             continue  # a frame: the same as no inertial
         if mass <= 0:
@@ -158,7 +159,7 @@ def check_inertials(
                 "impossible",
                 "mass",
                 *link.where,
-                f"mass {mass:g} kg with moments {_listed(moments)} kg m^2",
+                f"mass {mass:g} kg with moments {figures(moments, 3)} kg m^2",
                 "a mass above zero",
                 "give the mass of the data sheet or the drawing",
                 size=1e3,
@@ -278,10 +279,6 @@ def _massless(description: Description) -> Iterator[Finding]:
             else "give it an <inertial>, unless it is half of a joint",
             size=1.0,
         )
-
-
-def _listed(values: np.ndarray) -> str:
-    return ", ".join(f"{value:.3g}" for value in values)
 
 
 def _factor(factor: float) -> str:
@@ -554,8 +551,8 @@ def check_geometry(
                 "implausible",
                 "com_outside",
                 *link.where,
-                f"centre of mass ({_listed(inertial.com)}) m is {outside:.3g} m outside the link's shapes",
-                f"inside, near ({_listed(geometry.centre)}) m, the middle of the shapes",
+                f"centre of mass ({figures(inertial.com, 3)}) m is {outside:.3g} m outside the link's shapes",
+                f"inside, near ({figures(geometry.centre, 3)}) m, the middle of the shapes",
                 "check the unit and the frame of <origin>: it is given in the link's frame, not in that of the base or "
                 "the CAD assembly",
                 size=outside / geometry.edge,
@@ -584,7 +581,7 @@ def _size(link: Link, inertial: Inertial, geometry: Geometry) -> Iterator[Findin
             "moments_too_large",
             *link.where,
             f"the mass spreads {np.sqrt(variances[worst]):.3g} m about its centre (standard deviation along "
-            f"({_listed(axes[:, worst])})), and the shapes have room for {np.sqrt(bound[worst]):.3g} m; the moments "
+            f"({figures(axes[:, worst], 3)})), and the shapes have room for {np.sqrt(bound[worst]):.3g} m; the moments "
             f"are {solid:.3g} times those of a solid of that shape",
             "no more than with all mass on the surface of the shapes",
             f"check the moments, their unit, and that they refer to the centre of mass; a solid has {1 / solid:.2g} "

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 from rich.console import Group
 from rich.text import Text
 
 from gapscope.arm.display import MISSING, uncertain, unit_name
-from gapscope.diagnosis.document.wording import capital
+from gapscope.diagnosis.document.wording import Document, capital
 from gapscope.reports.pages import (
     COLOURS,
     PLAIN,
@@ -31,13 +31,11 @@ if TYPE_CHECKING:
 # What table and page of an agreement share: numbers and sentences of its document.
 
 
-Line = Mapping[str, Any]
-
 RELATIVE = "Friction is that of each recording; all else counts from the first one."
 """What is to be known of the values."""
 
 
-def heading(content: Line) -> str:
+def heading(content: Document) -> str:
     """How many parameters agree, differ and are not determined, in one sentence."""
     verdicts = [line["verdict"] for line in content["parameters"]]
     agree, differ = map(verdicts.count, ("agrees", "differs"))
@@ -50,34 +48,34 @@ def heading(content: Line) -> str:
     return f"{text}, {rest} not determined by two recordings." if rest else f"{text}."
 
 
-def with_unit(value: str, line: Line) -> str:
+def with_unit(value: str, line: Document) -> str:
     """A value as text with its unit; a dash stays alone."""
     return value if value == MISSING else f"{value} {unit(line)}".rstrip()
 
 
-def differing(content: Line) -> list[Line]:
+def differing(content: Document) -> list[Document]:
     """Parameters that differ, the strongest first."""
     return [line for line in content["parameters"] if line["verdict"] == "differs"]
 
 
-def trusted(line: Line) -> str:
+def trusted(line: Document) -> str:
     """The value to trust, with its deviation."""
     value = line["trusted"]
     return MISSING if value is None else uncertain(value["value"], value["std"])
 
 
-def values(line: Line) -> list[str]:
+def values(line: Document) -> list[str]:
     """The value in each recording; a dash if it does not determine the parameter."""
     pairs = zip(line["values"], line["std"], strict=True)
     return [MISSING if std is None else uncertain(x, std) for x, std in pairs]
 
 
-def unit(line: Line) -> str:
+def unit(line: Document) -> str:
     """SI unit of the values, as it is shown; empty for a ratio."""
     return unit_name(line["unit"])
 
 
-def sentences(line: Line) -> Iterator[str]:
+def sentences(line: Document) -> Iterator[str]:
     """What a difference goes with, what would settle it, and what it may be instead."""
     yield f"goes with: {line['goes_with']['text']}"
     yield f"to settle it: {line['settled_by']}"
@@ -98,7 +96,7 @@ MAX_WIDTH = 44
 """Longest title of a panel [characters]."""
 
 
-def write_page(content: dict[str, Any], path: Path) -> None:
+def write_page(content: Document, path: Path) -> None:
     """Write the differences, the values of each recording with bars, and the table of all parameters.
 
     Args:
@@ -157,7 +155,7 @@ def write_page(content: dict[str, Any], path: Path) -> None:
     )
 
 
-def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
+def _figure(lines: list[Document], recordings: list[str], rows: int) -> Figure:
     figure = subplots(
         rows,
         COLUMNS,
@@ -191,7 +189,7 @@ def _figure(lines: list[Line], recordings: list[str], rows: int) -> Figure:
     return figure
 
 
-def _title(line: Line) -> str:
+def _title(line: Document) -> str:
     """Name and unit of a parameter, short enough for a panel."""
     name = line["name"]
     if len(name) > MAX_WIDTH:
@@ -206,7 +204,7 @@ STYLES = {"differs": "bold red", "not determined": "dim"}
 """Style of a verdict."""
 
 
-def summary(content: dict[str, Any]) -> Group:
+def summary(content: Document) -> Group:
     """The table of all parameters, then the differences with what goes with them."""
     rows = [
         (
@@ -220,14 +218,13 @@ def summary(content: dict[str, Any]) -> Group:
         ("parameter", "verdict", "to trust"),
         rows,
         2,
+        # names may fold
+        slice(1, None),
         title=f"{content['case']}: {heading(content)}",
         caption=RELATIVE,
         caption_justify="left",
         **PLAIN,
     )
-    # names may fold; verdicts and values stay on one line
-    for column in table.columns[1:]:
-        column.no_wrap = True
     texts = []
     # recordings that do not determine some parameters
     for k, recording in enumerate(content["recordings"]):

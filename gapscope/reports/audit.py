@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Group
 from rich.text import Text
 
 from gapscope.arm.display import MISSING
 from gapscope.arm.dynamics.description import SINGLE
+from gapscope.diagnosis.document.wording import Document
 from gapscope.reports.pages import write_html
 
 # What page and terminal of an audit share: findings of a kind together, and sentences of its document.
@@ -20,9 +20,9 @@ MAX_PLACES = 6
 """Most places that are named of findings of a kind."""
 
 
-def groups(content: Mapping[str, Any]) -> list[dict[str, Any]]:
+def groups(content: Document) -> Sequence[Document]:
     """Of each severity and kind the worst finding, worst first; ``others``: where the others are, in words."""
-    together: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    together: dict[tuple[str, str], list[Document]] = {}
     for finding in content["findings"]:
         together.setdefault((finding["severity"], finding["kind"]), []).append(finding)
     found = []
@@ -35,7 +35,7 @@ def groups(content: Mapping[str, Any]) -> list[dict[str, Any]]:
     return found
 
 
-def heading(content: Mapping[str, Any]) -> str:
+def heading(content: Document) -> str:
     """How many findings of each severity, in one sentence."""
     counts = [f"{count} {name}" for name, count in content["counts"].items() if count]
     mass = content["total_mass"]
@@ -45,7 +45,7 @@ def heading(content: Mapping[str, Any]) -> str:
     return f"{size}: {', '.join(counts)}." if counts else f"{size}: nothing odd."
 
 
-def place(finding: Mapping[str, Any]) -> str:
+def place(finding: Document) -> str:
     """Link or joint with the line of the file."""
     line = f"line {finding['line']}" if finding["line"] else ""
     return ", ".join(part for part in (finding["place"], line) if part) or "whole file"
@@ -59,7 +59,7 @@ def number(value: float | None) -> str:
 # An audit as a page that opens without a network.
 
 
-def write_page(content: dict[str, Any], path: Path) -> None:
+def write_page(content: Document, path: Path) -> None:
     """Write the findings, worst first, and the table of the links.
 
     Args:
@@ -90,7 +90,7 @@ STYLES = {"impossible": "bold red", "implausible": "red", "missing": "yellow"}
 MAX_EXPLANATIONS = 4
 
 
-def summary(content: dict[str, Any]) -> Group:
+def summary(content: Document) -> Group:
     """What is odd about a model, and what to do."""
     head = f"{content['robot']} ({content['file']}): {heading(content)}"
     parts = [Text(head, "bold")]
@@ -113,7 +113,7 @@ def summary(content: dict[str, Any]) -> Group:
     return Group(*parts)
 
 
-def _static(static: dict[str, Any]) -> Iterator[str]:
+def _static(static: Document) -> Iterator[str]:
     """Gravity torque against measured, joint by joint."""
     yield f"\ngravity torque in {static['poses']} poses, measured against the model's:"
     columns = (static[name] for name in ("joints", "correlation", "scale", "offset"))

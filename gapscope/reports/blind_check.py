@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import write_text
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.blind_check.scoring import Compared
+from gapscope.diagnosis.document.wording import Document
 from gapscope.reports.pages import (
     COLOURS,
     PageSection,
@@ -52,7 +53,7 @@ BRIEFLY = ("Effects named", "Verdicts and probabilities", "Beside plain methods"
 """Titles of the tables that a terminal shows; the files have all of them."""
 
 
-def brief_tables(figures: dict[str, Any]) -> list[PageSection]:
+def brief_tables(figures: Document) -> list[PageSection]:
     """Those of a terminal, without the counts of shares."""
     shown = [table for table in tables(figures) if table.title in BRIEFLY]
     return [
@@ -62,7 +63,7 @@ def brief_tables(figures: dict[str, Any]) -> list[PageSection]:
     ]  # fmt: skip
 
 
-def tables(figures: dict[str, Any]) -> list[PageSection]:
+def tables(figures: Document) -> list[PageSection]:
     """All tables of a blind check."""
     kinds = figures["by_kind"].items()
     # of these nothing can be named right
@@ -94,7 +95,7 @@ def tables(figures: dict[str, Any]) -> list[PageSection]:
     return [*found, _baselines(figures)] if "baselines" in figures else found
 
 
-def _scores(title: str, groups: dict[str, Any]) -> PageSection:
+def _scores(title: str, groups: Document) -> PageSection:
     columns: dict[str, tuple[str, Callable[[Any], str]]] = {
         "cases": ("count", str),
         "top-1": ("top", rate),
@@ -114,7 +115,7 @@ def _scores(title: str, groups: dict[str, Any]) -> PageSection:
     return PageSection(title, ("", *columns), rows)
 
 
-def _verdicts(figures: dict[str, Any]) -> PageSection:
+def _verdicts(figures: Document) -> PageSection:
     well, beyond, calibration = (
         figures[key] for key in ("healthy", "unknown", "calibration")
     )
@@ -144,7 +145,7 @@ def _confusion(confusion: dict[str, dict[str, int]]) -> PageSection:
     return PageSection(title, ("truth", "cases", "first answer"), rows)
 
 
-def _baselines(figures: dict[str, Any]) -> PageSection:
+def _baselines(figures: Document) -> PageSection:
     kinds = {
         "single top-1": ("single", "top"),
         "single exact": ("single", "exact"),
@@ -167,7 +168,7 @@ def _baselines(figures: dict[str, Any]) -> PageSection:
     return PageSection("Beside plain methods", ("method", *kinds, *alarms), rows)
 
 
-def rate(share: dict[str, Any]) -> str:
+def rate(share: Document) -> str:
     """``95 % (90..98), 57 of 60``; a dash without cases."""
     if not share["count"]:
         return "–"
@@ -197,7 +198,7 @@ def _median(quantiles: dict[str, float] | None, *, percent: bool = True) -> str:
 QUANTITIES = (("top", "top-1"), ("exact", "exact set"), ("joints", "joints"))
 
 
-def severity_figure(figures: dict[str, Any]) -> go.Figure:
+def severity_figure(figures: Document) -> go.Figure:
     """Shares with Wilson's intervals over severity classes of single effects."""
     groups = figures["by_severity"]
     figure = go.Figure(layout={"colorway": COLOURS})
@@ -218,7 +219,7 @@ def severity_figure(figures: dict[str, Any]) -> go.Figure:
     return figure
 
 
-def reliability_figure(figures: dict[str, Any]) -> go.Figure:
+def reliability_figure(figures: Document) -> go.Figure:
     """Share of findings that are right over their probability, beside the diagonal."""
     rows = figures["calibration"]["reliability"]
     figure = go.Figure(layout={"colorway": COLOURS})
@@ -236,7 +237,7 @@ def reliability_figure(figures: dict[str, Any]) -> go.Figure:
     return figure
 
 
-def confusion_figure(figures: dict[str, Any]) -> go.Figure:
+def confusion_figure(figures: Document) -> go.Figure:
     """Truth against first answer, numbers of cases."""
     table = figures["confusion"]
     answers = sorted({answer for row in table.values() for answer in row})
@@ -267,7 +268,7 @@ FIGURES = {
 
 
 def write_score(
-    figures: dict[str, Any], cases: Iterable[Compared], folder: Path
+    figures: Document, cases: Iterable[Compared], folder: Path
 ) -> tuple[Path, ...]:
     """Write the figures, the tables and the pictures; each file whole or not at all.
 
@@ -283,9 +284,8 @@ def write_score(
     verdicts = [asdict(case) for case in cases]
     write_json({**figures, "verdicts": verdicts}, document)
     shown = tables(figures)
-    with atomic_write(text) as aside:
-        content = "\n".join(table.markdown() for table in shown)
-        aside.write_text(f"# Blind check\n\n{content}", encoding="utf-8")
+    content = "\n".join(table.markdown() for table in shown)
+    write_text(text, f"# Blind check\n\n{content}")
     sections = [*shown]
     for name, (title, make_figure, height) in FIGURES.items():
         figure = figure_html(make_figure(figures), name, height)

@@ -7,6 +7,7 @@ from typing import Any
 from rich.console import Group
 from rich.text import Text
 
+from gapscope.diagnosis.document.wording import Document
 from gapscope.reports.expected import expected_table
 from gapscope.reports.pages import PLAIN, terminal_table
 
@@ -14,7 +15,7 @@ STYLES = {"ok": "green", "warn": "yellow", "error": "bold red"}
 """Style of a level."""
 
 
-def summary(content: dict[str, Any]) -> Group:
+def summary(content: Document) -> Group:
     """All remarks, errors first, and how the joints move."""
     remarks = sorted(
         content["remarks"], key=lambda one: ("error", "warn", "ok").index(one["level"])
@@ -26,11 +27,8 @@ def summary(content: dict[str, Any]) -> Group:
         if one["remedy"]:
             text.append(f"\n→ {one['remedy']}", "dim")
         rows.append((Text(one["level"], STYLES[one["level"]]), one["topic"], text))
-    table = terminal_table(("", "topic", "found, and what to do"), rows, 3, **PLAIN)
-    # the texts take what is left of the width
-    for column in table.columns[:2]:
-        column.no_wrap = True
-    parts: list[Any] = [table]
+    named = ("", "topic", "found, and what to do")
+    parts: list[Any] = [terminal_table(named, rows, 3, slice(2), **PLAIN)]
     # known only if motion and torque could be looked at
     if content["excited"] is not None:
         keys = ("range", "slow", "fast", "reversals", "gravity", "possible_gravity")

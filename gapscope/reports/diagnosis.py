@@ -19,11 +19,9 @@ from scipy.spatial.transform import Rotation
 from gapscope.arm.display import (
     MISSING,
     display_unit,
-    effect_name,
     nrmse,
     percent,
     significant,
-    uncertain,
 )
 from gapscope.arm.dynamics.link_shapes import link_hulls, reach
 from gapscope.arm.dynamics.plain_urdf import moving_links
@@ -36,6 +34,7 @@ from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.findings import NOT_YET
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
+    Document,
     acts_on,
     called,
     capital,
@@ -166,9 +165,9 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
 # What the pictures of where a gap lies draw, with the words under them.
 
 
-def place_curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+def place_curves(diagnosis: Diagnosis) -> list[Document]:
     """All pictures as JSON-ready values: of a rule, of intervals of time, of bands and lines of frequency."""
-    out: list[dict[str, Any]] = []
+    out: list[Document] = []
     slides = joint_slides(diagnosis.document)
     for located in diagnosis.located:
         place = located.place
@@ -184,7 +183,7 @@ def place_curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def _rule(place: JointLocalisation, slides: bool) -> dict[str, Any] | None:
+def _rule(place: JointLocalisation, slides: bool) -> Document | None:
     profile = place.profile
     if profile is None:
         return None
@@ -201,7 +200,7 @@ def _rule(place: JointLocalisation, slides: bool) -> dict[str, Any] | None:
     }
 
 
-def _time(place: JointLocalisation) -> dict[str, Any] | None:
+def _time(place: JointLocalisation) -> Document | None:
     # without a start or a stop there is nothing to see over time
     told = [region for region in place.regions if region.kind == "interval"]
     if not told:
@@ -220,7 +219,7 @@ def _time(place: JointLocalisation) -> dict[str, Any] | None:
     }
 
 
-def _frequency(place: JointLocalisation) -> dict[str, Any] | None:
+def _frequency(place: JointLocalisation) -> Document | None:
     told = [region for region in place.regions if region.kind in ("line", "coherence")]
     if not told:
         return None
@@ -251,54 +250,23 @@ def _joined(regions: list[Region]) -> str:
     return capital("; ".join(region.regime for region in regions))
 
 
-# What the report says of the part of a gap that no effect explains and a flexible model still predicts.
-
-
 WHITE = 1e-3
-"""With a larger p-value the residual may be noise."""
-NAMES = {
-    "position": "its position",
-    "speed": "its speed",
-    "velocity": "its velocity",
-    "direction": "the direction in which it moves",
-    "acceleration": "its acceleration",
-    "load": "the torque that it carries",
-    "time": "the time since the recording began",
-    "frequency": "an oscillation that follows no motion",
-}
+"""With a larger p-value what stays of a joint's gap may be noise."""
 
 
-def guess_curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+def guess_curves(diagnosis: Diagnosis) -> list[Document]:
     """A picture for each joint left above the floor as JSON-ready values."""
     entries = diagnosis.document["unexplained"].get("predictable", [])
     return [
         {
-            "index": index,
-            "title": f"J{entry['joint']}: {percent(entry['share'])} of what is left can be predicted",
-            "words": _words(entry),
             "joint": entry["joint"] - 1,
             "axis": f"{entry['curve']['variable']} [{entry['curve']['unit']}]",
             "amplitude": entry["curve"]["variable"] == "frequency",
             "x": encode(entry["curve"]["x"]),
             "y": encode(entry["curve"]["y"]),
         }
-        for index, entry in enumerate(entries)
+        for entry in entries
     ]
-
-
-def _words(entry: Mapping[str, Any]) -> str:
-    """How much of it which variable predicts, and whether the residual may be noise."""
-    name = entry["curve"]["variable"]
-    noise = "may be noise" if entry["whiteness_p"] > WHITE else "is no noise"
-    if entry["share"] == 0.0:
-        return f"What is left {noise}, but nothing known of the motion predicts it on unseen data."
-    alone = (
-        f"{NAMES[name].capitalize()} alone predicts {percent(entry['by'][name])} of it."
-    )
-    shown = "the gap along it"
-    if name == "frequency":
-        shown = "how strong the gap is at each frequency"
-    return f"{alone} The curve is {shown}. What is left {noise}."
 
 
 # What the figures of the report draw: decimated curves as base64 of float32, little endian.
@@ -379,7 +347,7 @@ def keep_extremes(series: list[np.ndarray], points: int) -> np.ndarray:
     return np.unique(kept)
 
 
-def _signature(signature: Signature) -> dict[str, Any]:
+def _signature(signature: Signature) -> Document:
     """A signature with its samples thinned evenly; ``line`` if the axis only grows, as time does."""
     n = len(signature.x)
     keep = np.unique(np.linspace(0, n - 1, min(n, POINTS_PER_SIGNATURE)).astype(int))
@@ -403,7 +371,7 @@ MAX_FRAMES = 2400
 """Most samples of a motion: a minute."""
 
 
-def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
+def arm_scene(diagnosis: Diagnosis) -> Document | None:
     """Bodies, joints and motion as JSON-ready values; ``None`` if the arm or its motion is not known.
 
     The motion is the one that was replayed, with the simulated arms beside the recorded one; without a replay the first
@@ -479,123 +447,12 @@ def _gap(trace: Trace, stage: str, times: np.ndarray) -> np.ndarray:
     return interpolated(times, trace.t, error) / np.maximum(scale, 1e-12)
 
 
-# Section of the report on which side of the joint torque sensors the gap lies.
-
-
-TITLES = {"actuator": "Actuator side", "link": "Link side"}
-WORDS = {
-    "actuator": "recorded torque less sensor, against rotor, friction and all between the recorded torque and the gear",
-    "link": "sensor, against the bodies, springs and forces behind the gear",
-}
-
-
-def sides(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Bars per joint of either side, the sensors' own errors, and the side of each effect; empty without sensors."""
-    document = diagnosis.document
-    # only recordings with joint torque sensors have two sides
-    if "sides" not in document:
-        return {}
-    told, names = document["sides"], joint_names(document)
-    sensor = {key: told["sensor"][key]["value"] for key in ("zero", "scale", "lag")}
-    # from s to ms
-    sensor["lag"] = [1e3 * lag for lag in sensor["lag"]]
-    gaps = {side: _joint_gaps(names, told[side]) for side in TITLES}
-    # one scale: both sides compare by eye
-    scale = max(_scale(joints) for joints in gaps.values())
-    return {
-        "sentence": sides_sentence(document),
-        "charts": [
-            {
-                "title": TITLES[side],
-                "words": WORDS[side],
-                "joints": joints,
-                "scale": scale,
-            }
-            for side, joints in gaps.items()
-        ],
-        "sensors": [
-            {
-                "label": f"J{j + 1}",
-                "name": name,
-                "carried": told["carried_by"][j],
-                **{k: significant(x[j], 2, signed=True) for k, x in sensor.items()},
-            }
-            for j, name in enumerate(names)
-        ],
-        "effects": [
-            (effect_name(entry["effect"]), acts_on(entry), entry["side"])
-            for entry in told["effects"]
-        ],
-        "recordings": told["recordings"],
-    }
-
-
-GAPS = ("before", "after", "floor")
-
-
-def _joint_gaps(names: Sequence[str], gap: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """A row of a chart for each joint: its names, and torque NRMSE before, after and of the floor [1] or ``None``."""
-    before, after = gap["before"], gap["after"]
-    columns = (before["torque_nrmse"], after["torque_nrmse"], before["floor"])
-    rows = zip(names, short_names(names), *columns, strict=True)
-    return [
-        {"label": f"J{number}", "name": name, "short": short}
-        | dict(zip(GAPS, gaps, strict=True))
-        for number, (name, short, *gaps) in enumerate(rows, 1)
-    ]
-
-
-# What a diagnosis against a reference was compared with, as the report shows it.
-
-
 ADDING = {key: of_quantity(quantity)[0] for quantity, key in SHEET.items()}
 """Effects that add to an entry of the data sheet, by its key."""
 
 
-def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    """Reference, what was identified on it per joint, and what was put down to another day; ``None`` without one."""
-    content = diagnosis.document.get("against")
-    if content is None:
-        return None
-    today, names = content["today"], joint_names(diagnosis.document)
-    then, std = content["identified"], content["identified_std"]
-    # what possible bodies lack at most of a joint's torque; empty in a document that does not say so
-    remainder = content.get("remainder")
-    lacking = percent(max(remainder["torque_nrmse"])) if remainder else ""
-    return {
-        "name": content["reference"],
-        "recordings": content["recordings"],
-        "parameters": content["base_parameters"],
-        "law": content["friction_law"],
-        "ratio": percent(content["torque_ratio_to_nominal"]),
-        # what was identified, ``value ± std``, and friction on the day of the case with the change
-        "joints": [
-            {
-                "label": f"J{j + 1}",
-                "name": name,
-                "identified": [uncertain(then[key][j], std[key][j]) for key in ADDING],
-                "today": [
-                    _changed(then[k][j], today[k][j]) for k in ("coulomb", "viscous")
-                ],
-                "held_out": content["held_out"]["torque_nrmse"][j],
-                "errors": today["torque_nrmse"][j],
-            }
-            for j, name in enumerate(names)
-        ],
-        "sheet": [
-            f"{effect_name(e.name)} [{display_unit(e.parameters[0].unit, 1.0)[1]}]"
-            for e in ADDING.values()
-        ],
-        "allowed": percent(today["friction_allowed"]),
-        "inherent": [
-            effect_name(e["effect"]) + (f" ({acts_on(e)})" if e["joints"] else "")
-            for e in content["inherent"]
-        ],
-        "lacking": lacking,
-    }
-
-
-def _changed(before: float, after: float) -> str:
+def changed(before: float, after: float) -> str:
+    """A value, and by how much it differs from that of before."""
     # no share of nothing
     if not before:
         return significant(after)
@@ -604,7 +461,7 @@ def _changed(before: float, after: float) -> str:
     return f"{significant(after)} ({f'{sign}{abs(share)} %' if share else 'same'})"
 
 
-# Parts of the report: each takes a diagnosis and returns what its part of the template shows beside the document.
+# Parts of the report: what a part of the template shows beside the document.
 
 
 FIRST_SCREEN_EFFECTS = 4
@@ -620,15 +477,11 @@ FLOOR_SCALE = 4.0
 """The bars' axis reaches at least this many times the highest floor, so that a healthy arm's bars look small."""
 
 
-def where(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Gap per joint, the scale of its bars, and the regions that hold most of it."""
-    document = diagnosis.document
-    gap, regions = document["gap"], document.get("where", [])
-    joints = _joint_gaps(joint_names(document), gap)
-    replays = [gap[stage]["replay_rmse"] or [None] * len(joints) for stage in STAGES]
-    texts = _motions(joint_slides(document), *replays)
-    for joint, before, after in zip(joints, *texts, strict=True):
-        joint |= {"replay_before": before, "replay_after": after}
+def where(document: Document) -> Document:
+    """Replay gaps per joint in words, before and after, and the regions that hold most of the torque gap."""
+    slides, gap = joint_slides(document), document["gap"]
+    replays = [gap[stage]["replay_rmse"] or [None] * len(slides) for stage in STAGES]
+    regions = document.get("where", [])
     # of each joint the region that holds most of the gap in least of the time; a band of frequency if it is all
     out: dict[int, dict[str, Any]] = {}
     # and what was learnt from its gap, and without a rule the first that was cut in advance
@@ -639,35 +492,38 @@ def where(diagnosis: Diagnosis) -> dict[str, Any]:
         if region.get("kind") in LEARNT or joint not in known:
             shown.append(region)
         known.add(joint)
-        before = out.setdefault(joint, region)
-        if before is not region and _telling(region) > _telling(before):
-            out[joint] = region
+        out[joint] = max(out.get(joint, region), region, key=_telling)
     return {
-        "joints": joints,
-        "scale": _scale(joints, FLOOR_SCALE),
         "regions": shown,
         "telling": list(out.values()),
-        "replayed": any(joint["replay_before"] != MISSING for joint in joints),
+        "replays": _motions(slides, *replays),
+        "replayed": any(rmse is not None for rmse in replays[0]),
     }
 
 
 STAGES = ("before", "after")
+GAPS = (*STAGES, "floor")
 
 
-def _scale(joints: Sequence[Mapping[str, Any]], of_floor: float = 1.0) -> float:
-    """End of the axis of bars: the largest gap, or so many times the highest floor [1]."""
-    gaps = [joint[stage] or 0.0 for joint in joints for stage in STAGES]
-    floors = [of_floor * (joint["floor"] or 0.0) for joint in joints]
-    return max([*gaps, *floors], default=0.0) or 1.0
+def bars_end(*gaps: Mapping[str, Any], of_floor: float = 1.0) -> float:
+    """End of the axis of bars: the largest gap of any joint, or so many times the highest floor [1]."""
+    ends = [
+        value
+        for gap in gaps
+        for stage in STAGES
+        for value in gap[stage]["torque_nrmse"]
+    ]
+    floors = [value for gap in gaps for value in gap["before"]["floor"]]
+    return (
+        max(*(x or 0.0 for x in ends), *(of_floor * (x or 0.0) for x in floors)) or 1.0
+    )
 
 
-def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
+def how_far(document: Document) -> Document:
     """Means over the joints of the gap before, after and of the floor; replay gaps before and after, by engine."""
-    document = diagnosis.document
     stages = [document["gap"][stage] for stage in STAGES]
     # a joint of which one of them is not known counts in no mean
     rows = [row for row in gap_rows(document) if None not in row]
-    means = [_mean([row[i] for row in rows]) for i in range(len(GAPS))]
     replays = {"Replay RMSE": [stage["replay_rmse"] for stage in stages]}
     # a second engine shows whether the gap is the simulator's own
     for engine in stages[0].get("replay_elsewhere", {}):
@@ -678,29 +534,21 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
     kept = [j for j, slid in enumerate(slides) if not slid or all(slides)]
     texts = {}
     for label, gaps in replays.items():
-        columns = [[_mean([gap[j] for j in kept] if gap else None)] for gap in gaps]
+        columns = [[_mean([gap[j] for j in kept] if gap else ())] for gap in gaps]
         texts[label] = [text for (text,) in _motions([all(slides)], *columns)]
+    means = (_mean([row[i] for row in rows]) for i in range(len(GAPS)))
     return {"mean": dict(zip(GAPS, means, strict=True)), "replays": texts}
 
 
-def expected(diagnosis: Diagnosis) -> dict[str, Any]:
-    """How large further effects, or changes, would have had to be to be named; an older document says nothing."""
-    document = diagnosis.document
-    # with a reference sizes are those of changes
-    entries = (document.get("against") or document).get("expected", ())
-    count = len(joint_names(document))
-    return {"rows": expected_rows(entries, count), "joints": count}
-
-
-def _telling(region: Mapping[str, Any]) -> float:
+def _telling(region: Document) -> float:
     """Share times log concentration; less than any other for what only a specialist reads."""
     if region.get("kind") in ("frequency", "coherence"):
         return -1.0
     return float(region["share"] * np.log(max(region.get("enrichment") or 1.0, 1.0)))
 
 
-def _mean(values: Iterable[float | None] | None) -> float | None:
-    known = [value for value in values or [] if value is not None]
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
     return sum(known) / len(known) if known else None
 
 
@@ -736,7 +584,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
     document = plain(diagnosis.document)
     diagnosis = replace(diagnosis, document=document)
 
-    def signatures(entry: Mapping[str, Any]) -> list[int]:
+    def signatures(entry: Document) -> list[int]:
         """Numbers of the pictures of an effect."""
         return [
             index
@@ -746,19 +594,12 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
             and (one.joint in entry["joints"] or not entry["joints"])
         ]
 
-    # joints left above the floor: number, how many times the floor, and the effects named on them; without effects the
-    # whole gap is left, which is said elsewhere
-    left, effects = document["unexplained"], document["effects"]
-    above = left.get("joints", []) if left["above_floor"] and effects else []
-    above_floor = [
-        (
-            joint,
-            significant(left["times_floor"][joint - 1], 2),
-            [effect_name(e["effect"]) for e in effects if joint in e["joints"]],
-        )
-        for joint in above
-    ]
-    changes = document.get("changes", [])
+    # a document need not say of everything
+    sides, reference = document.get("sides"), document.get("against")
+    charts = sides and [sides["actuator"], sides["link"]]
+    names = joint_names(document)
+    # with a reference sizes are those of changes
+    expected = (reference or document).get("expected", ())
     write_html(
         "diagnosis/report.html",
         path,
@@ -767,15 +608,20 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
         document=document,
         curves=payload(diagnosis) | {"arm": arm_scene(diagnosis)},
         actions=actions(diagnosis, Path(path).parent),
-        changes=[capital(change_text(entry)) for entry in changes],
+        changes=[capital(change_text(one)) for one in document.get("changes", ())],
         first=FIRST_SCREEN_EFFECTS,
+        white=WHITE,
         signatures=signatures,
-        above_floor=above_floor,
-        where=where(diagnosis),
-        how_far=how_far(diagnosis),
-        against=against(diagnosis),
-        expected=expected(diagnosis),
-        sides=sides(diagnosis),
+        joints=list(zip(names, short_names(names), strict=True)),
+        scale=bars_end(document["gap"], of_floor=FLOOR_SCALE),
+        where=where(document),
+        how_far=how_far(document),
+        against=reference,
+        adding=ADDING,
+        changed=changed,
+        expected=expected_rows(expected, len(names)),
+        sides=sides,
+        sides_scale=charts and bars_end(*charts),
     )
 
 
@@ -789,7 +635,7 @@ _COLOURS = {
 }
 
 
-def summary(document: Mapping[str, Any]) -> Group:
+def summary(document: Document) -> Group:
     """Verdict, effects, gap per joint, what is possible, what is open and the warnings."""
     parts: list[RenderableType] = []
 
@@ -818,10 +664,8 @@ def summary(document: Mapping[str, Any]) -> Group:
         (str(joint), Text(name, overflow="ellipsis"), *map(nrmse, gaps))
         for joint, (name, gaps) in enumerate(columns, 1)
     ]
-    table = terminal_table(("Joint", "", *GAPS), rows, 2, **STYLE)
+    table = terminal_table(("Joint", "", *GAPS), rows, 2, slice(None), **STYLE)
     table.columns[1].max_width = 30
-    for column in table.columns:
-        column.no_wrap = True
     parts += ["", title, table]
     # without a gap a share of it means nothing
     closed = document["closed"]
@@ -848,7 +692,7 @@ def summary(document: Mapping[str, Any]) -> Group:
     return Group(*parts)
 
 
-def _effects(document: Mapping[str, Any]) -> Table:
+def _effects(document: Document) -> Table:
     """One row per parameter of each effect."""
     rows: list[Sequence[str | Text]] = []
     for effect in document["effects"]:
@@ -863,10 +707,8 @@ def _effects(document: Mapping[str, Any]) -> Table:
         shares = (percent(effect[key]) for key in ("probability", "share"))
         rows.append([*map(Text, (*texts, values)), *shares])
     heads = ("Effect", "Joints", "Value ± std", "Prob.", "Share")
-    table = terminal_table(heads, rows, 3, **STYLE)
+    table = terminal_table(heads, rows, 3, slice(3, None), **STYLE)
     table.columns[0].max_width, table.columns[1].max_width = 22, 9
-    for column in table.columns[3:]:
-        column.no_wrap = True
     return table
 
 

@@ -6,7 +6,7 @@ import csv
 from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Group
@@ -21,6 +21,7 @@ from gapscope.agents.evaluation import (
 )
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import plain, write_json
+from gapscope.diagnosis.document.wording import Document
 from gapscope.effects.corrected_file import described
 from gapscope.reports.pages import (
     COLOURS,
@@ -64,7 +65,7 @@ MEANS = (
 """Measures and their factors, in the order of the columns."""
 
 
-def tables(lines: list[Line], content: dict[str, Any]) -> Group:
+def tables(lines: list[Line], content: Document) -> Group:
     """What the terminal shows, within 80 columns: a table for each engine and disturbance."""
     plan = content["plan"]
     heading = (
@@ -100,10 +101,7 @@ def _table(lines: list[Line], kind: tuple[str, str]) -> Table:
         # the last two cells are no means
         rows.append([model, *map(Text, (*means, *cells(line)[-2:]))])
     title = f"\n{kind[0]}, disturbance: {kind[1]}"
-    table = terminal_table(heads, rows, title=title, **PLAIN)
-    for column in table.columns[1:]:
-        column.no_wrap = True
-    return table
+    return terminal_table(heads, rows, 1, slice(1, None), title=title, **PLAIN)
 
 
 def cells(line: Line) -> list[str]:
@@ -140,7 +138,7 @@ MILLI, PERCENT = 1e3, 100.0
 """Factors from rad, m and 1 to what the figures show."""
 
 
-def write_page(content: Mapping[str, Any], lines: Sequence[Line], path: Path) -> None:
+def write_page(content: Document, lines: Sequence[Line], path: Path) -> None:
     """Write tracking errors by model, the relation to the torque error, stable bandwidths, and the table.
 
     Args:
@@ -181,7 +179,7 @@ def write_page(content: Mapping[str, Any], lines: Sequence[Line], path: Path) ->
     write_plot_page(path, title, facts, sections, whole=True)
 
 
-def _figure(content: Mapping[str, Any], lines: Sequence[Line]) -> Figure:
+def _figure(content: Document, lines: Sequence[Line]) -> Figure:
     """Four panels: joint error, tool error, joint error over torque error, and stable bandwidth.
 
     An engine and a disturbance have one colour; the first trace of theirs enters the legend, the others follow it.
@@ -255,7 +253,7 @@ def _figure(content: Mapping[str, Any], lines: Sequence[Line]) -> Figure:
     return figure
 
 
-def _bars(means: Sequence[Mapping[str, float]], factor: float) -> dict[str, Any]:
+def _bars(means: Sequence[Mapping[str, float]], factor: float) -> Document:
     """Error bars of means."""
     series = [[mean[key] for mean in means] for key in ("value", "low", "high")]
     return error_bars(*(factor * np.array(series)), thickness=1)
@@ -268,7 +266,7 @@ DOCUMENT, PAGE, TABLE = "evaluation.json", "evaluation.html", "evaluation.csv"
 
 
 def write_evaluation(
-    content: Mapping[str, Any], lines: Sequence[Line], folder: Path
+    content: Document, lines: Sequence[Line], folder: Path
 ) -> list[Path]:
     """Write the page, the episodes as CSV and, as the last, ``evaluation.json``.
 
@@ -296,7 +294,7 @@ def write_evaluation(
 
 def evaluation_document(
     bench: TrackingBench, episodes: Sequence[Episode], lines: list[Line]
-) -> dict[str, Any]:
+) -> Document:
     """An evaluation as plain data; numbers that are not finite are ``None``."""
     plan = bench.plan
     return {

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 from rich.console import Group
 from rich.text import Text
 
 from gapscope.arm.display import MISSING, display_unit, effect_name, significant
+from gapscope.diagnosis.document.wording import Document
 from gapscope.reports.pages import PLAIN, terminal_table
 
 
 def expected_rows(
-    entries: Iterable[Mapping[str, Any]], n_joints: int
+    entries: Iterable[Document], n_joints: int
 ) -> list[tuple[str, list[str]]]:
     """Name and unit of each effect, then a text per joint: the size named in nine cases of ten, of one half after it.
 
@@ -45,7 +45,7 @@ JOINTS = 7
 """Of one table at most: more than a terminal is wide."""
 
 
-def expected_table(entries: Iterable[Mapping[str, Any]], n_joints: int) -> Group:
+def expected_table(entries: Iterable[Document], n_joints: int) -> Group:
     """The same on the terminal; arms of many joints have several tables."""
     rows = expected_rows(entries, n_joints)
     tables = []

@@ -11,6 +11,7 @@ from rich.text import Text
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.assessment.replay_gap import attempt
+from gapscope.diagnosis.document.wording import Document
 from gapscope.diagnosis.gap.plausible_data import check_rates, no_torque
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.replay import HORIZON, Replay
@@ -21,7 +22,7 @@ from gapscope.reports.pages import terminal_table
 # The gap as tables on the terminal.
 
 
-def gap_tables(document: dict[str, Any]) -> Group:
+def gap_tables(document: Document) -> Group:
     """Torque NRMSE and replay gap as tables, one row per recording, and why a recording was not replayed."""
     count = len(document["joints"])
     heads = ["recording", *(f"J{j}" for j in range(1, count + 1))]

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Group
 from rich.text import Text
 
-from gapscope.arm.display import MISSING, uncertain
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import write_text
 from gapscope.arm.io.json_file import plain, write_document
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.root_mean_square import rms
-from gapscope.diagnosis.document.wording import joint_slides
+from gapscope.diagnosis.document.wording import Document, joint_slides
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.ident.identification import (
     FOUND,
@@ -40,7 +38,7 @@ from gapscope.ident.model.base_parameters import CONDITION_LIMIT
 from gapscope.ident.model.physical_parameters import urdf_text
 from gapscope.model.changes import change_findings, change_text
 from gapscope.reports.diagnosis import encode, keep_extremes
-from gapscope.reports.pages import percent_with_decimal, terminal_table, write_html
+from gapscope.reports.pages import terminal_table, write_html
 
 # An identification as a page and on the terminal.
 
@@ -52,7 +50,7 @@ FILTER_POINTS = 1500
 """Most points of the innovations of one joint."""
 
 
-def filter_sentence(document: dict[str, Any]) -> str:
+def filter_sentence(document: Document) -> str:
     """What the filter did, in words, from the document of the identification."""
     shown = document["filter"]
     whole = shown["elapsed"][-1]
@@ -84,7 +82,7 @@ def filter_sentence(document: dict[str, Any]) -> str:
     return "; ".join((*parts, departs))
 
 
-def filter_curves(result: Identification) -> dict[str, Any]:
+def filter_curves(result: Identification) -> Document:
     """What the figures draw: each parameter with its band and the batch, and each joint's innovations."""
     review = result.filtered
     track = review.track
@@ -164,7 +162,7 @@ FLOOR = 1e-8
 """Where the spectrum ends at the bottom [1]."""
 
 
-def payload(result: Identification) -> dict[str, Any]:
+def payload(result: Identification) -> Document:
     """All that the script of the report draws, as JSON-ready values."""
     names = result.case.arm.joints
     judged = result.validation[1]
@@ -205,7 +203,7 @@ def payload(result: Identification) -> dict[str, Any]:
     }
 
 
-def _group(validation: Validation, a: int, b: int, number: int) -> dict[str, Any]:
+def _group(validation: Validation, a: int, b: int, number: int) -> Document:
     """One segment: per joint the curves over time, and the residual over the speed."""
     joints = []
     t = validation.t[a:b]
@@ -255,112 +253,35 @@ _FRICTION = (
 )
 
 
-def sentence(document: dict[str, Any]) -> str:
-    """How many base parameters were found, and what they leave of the torque."""
-    judged = document["validation"][1]
-    count, total = document["base"]["count"], len(document["parameters"])
-    return (
-        f"{count} base parameters of {total}. On samples that were not fitted the identified arm is off by "
-        f"{percent_with_decimal(judged['every']['overall'])} of the torque, the nominal arm by "
-        f"{percent_with_decimal(judged['nominal']['overall'])}."
-    )
-
-
-def joints(document: dict[str, Any]) -> dict[str, Any]:
-    """Errors per joint on held-out samples, and the scale of their bars."""
-    judged = document["validation"][1]
-    errors = (judged[key]["relative"] for key in ("nominal", "every"))
-    columns = zip(document["arm"]["joints"], *errors, strict=True)
-    rows = [
-        {"label": f"J{j}", "name": name, "nominal": before, "identified": after}
-        for j, (name, before, after) in enumerate(columns, 1)
-    ]
-    known = [row[key] or 0.0 for row in rows for key in ("nominal", "identified")]
-    return {"rows": rows, "scale": max(known, default=1.0) or 1.0}
-
-
-def friction(document: dict[str, Any]) -> dict[str, Any]:
+def friction(document: Document) -> Document:
     """Rotor inertia, friction and offset: a column each, a row per joint and coupled motor."""
     # names are a symbol and a joint: b4, or of a coupled motor b6m
     found = {p["name"]: p for p in document["parameters"]}
-    slides = joint_slides(document)
     labels = [str(j + 1) for j in range(len(document["arm"]["joints"]))]
-    # coupled motors, such as b6m
-    labels += sorted(
-        {
-            name.lstrip("Ibcd")
-            for name in found
-            if name.endswith("m") and name[0] in "Ibcd"
-        }
-    )
+    motors = (name for name in found if name[0] in "Ibcd" and name.endswith("m"))
+    labels += sorted({name.lstrip("Ibcd") for name in motors})
     # columns that some row fills
     shown = [
-        entry
-        for entry in _FRICTION
-        if any(f"{entry[0]}{label}" in found for label in labels)
+        column
+        for column in _FRICTION
+        if any(f"{column[0]}{label}" in found for label in labels)
     ]
-    rows = [
-        {
-            "label": f"J{label}" if not label.endswith("m") else f"motor {label[:-1]}",
-            "cells": [_value(found.get(f"{symbol}{label}")) for symbol, _, _ in shown],
-        }
-        for label in labels
-    ]
+    slides = joint_slides(document)
     return {
         "columns": [
-            {
-                "symbol": s,
-                "name": name,
-                "unit": common_unit(unit, slides).replace("^2", "²"),
-            }
-            for s, name, unit in shown
+            (symbol, name, common_unit(unit, slides)) for symbol, name, unit in shown
         ],
-        "rows": rows,
+        "rows": [
+            (label, [found.get(f"{symbol}{label}") for symbol, *_ in shown])
+            for label in labels
+        ],
     }
-
-
-def _value(parameter: dict[str, Any] | None) -> dict[str, str]:
-    if parameter is None:
-        return {"text": MISSING, "status": ""}
-    return {
-        "text": uncertain(parameter["value"], parameter["std"]),
-        "status": parameter["status"],
-    }
-
-
-# What the report says of identifiability, made of the document alone.
-
-
-def essential(document: dict[str, Any]) -> str:
-    """How many base parameters are essential."""
-    found, count = document["essential"], document["base"]["count"]
-    if found is None:
-        return "Essential parameters could not be told: the samples do not suffice."
-    if not found["dropped"]:
-        return f"All {count} are essential: each is known well enough, or the torque needs it."
-    return (
-        f"{len(found['names'])} of {count} are essential; without the other {len(found['dropped'])} the residual grows "
-        f"by {100 * found['residual_growth']:.1f} %."
-    )
-
-
-def repeated(document: dict[str, Any]) -> str:
-    """Whether segments agree by themselves."""
-    found = document["repeated_groups"]
-    if found is None:
-        return "Segments could not be compared: one of them does not determine the parameters by itself."
-    return (
-        f"Identified from each of {found['count']} segments by itself: variance between them over the variance that "
-        f"they state is {found['ratio']:.2g}; {found['meaning']}."
-    )
 
 
 # Renders an identification into one self-contained HTML file, in the style of the diagnosis.
 
 
-def render(
-    result: Identification, document: Mapping[str, Any], path: Path | str
-) -> None:
+def render(result: Identification, document: Document, path: Path | str) -> None:
     """Write the report; the file loads nothing from elsewhere.
 
     Args:
@@ -372,19 +293,18 @@ def render(
         GapscopeError: ``path`` cannot be written.
     """
     content = plain(document, null_if_not_finite=True)
-    slides = joint_slides(content)
+    slides, judged = joint_slides(content), content["validation"][1]
+    errors = [*judged["nominal"]["relative"], *judged["every"]["relative"]]
     write_html(
         "identification/report.html",
         path,
         curves=payload(result),
         document=content,
-        sentence=sentence(content),
-        joints=joints(content),
+        # a joint without any torque has no relative error
+        scale=max(filter(None, errors), default=1.0),
         friction=friction(content),
         force=common_unit("N m", slides),
         speed_force=common_unit("N m s/rad", slides),
-        essential=essential(content),
-        repeated=repeated(content),
         found=FOUND,
         filter_sentence=filter_sentence(content),
     )
@@ -432,8 +352,8 @@ def summary(result: Identification) -> Group:
     numbers = range(1, result.case.arm.n_joints + 1)
     title = f"RMS residual over RMS torque of {result.case.name} [%]"
     heads = ["", *(f"J{number}" for number in numbers), "all"]
-    table = terminal_table(heads, rows, title=title, padding=(0, 0, 0, 1))
-    table.columns[0].no_wrap = True
+    style = {"title": title, "padding": (0, 0, 0, 1)}
+    table = terminal_table(heads, rows, 1, slice(1), **style)
     return Group(*map(Text, first), table, *map(Text, rest))
 
 
@@ -525,8 +445,7 @@ def write_identification(
     """
     # first what may fail: bodies that no arm can have
     text = urdf_text(result.case.arm, identified_bodies(result))
-    with atomic_write(folder / URDF) as aside:
-        aside.write_text(text, encoding="utf-8")
+    write_text(folder / URDF, text)
     write_case_beside(with_sheet(result), case_file, folder / CASE, URDF)
     write_corrected(
         result.case.name,

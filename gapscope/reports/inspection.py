@@ -51,43 +51,30 @@ def panels_of(found: Inspection, number: int) -> list[Panel]:
         found: what is in the logs.
         number: of the recording, from 0.
     """
-    panels = []
+    panels, spectra = [], []
     for channel, name in CHANNELS_DRAWN.items():
-        series = _series(found, number, channel)
-        if series is not None:
-            t, values, unit = series
-            step = -(-len(t) // POINTS)
-            # values that no unit explains would flatten all others
-            drawn = np.where(np.abs(values) < BEYOND, values, np.nan)
-            panels.append(Panel(f"{name} [{unit}]", t[::step], drawn[::step]))
-    # amplitude spectral densities of what moves and of the torque
-    for channel, name in (("q", "position"), ("tau", "torque")):
-        series = _series(found, number, channel)
-        # one of them would fill the whole spectrum
-        if series is None or not (np.abs(series[1]) < BEYOND).all():
+        if channel not in found.chosen:
             continue
-        t, values, unit = series
-        rate = 1.0 / float(np.median(np.diff(t)))
-        frequency, power = welch(values, rate, nperseg=min(len(t), 1024), axis=0)
-        # without frequency zero, which a logarithmic axis does not have
-        density = np.sqrt(power[1:])
-        title = f"spectrum of {name} [{unit}/√Hz]"
-        panels.append(Panel(title, frequency[1:], density, spectrum=True))
-    return panels
-
-
-def _series(
-    found: Inspection, number: int, channel: str
-) -> tuple[np.ndarray, np.ndarray, str] | None:
-    """Time [s], values in the unit of the log, and that unit; ``None`` if the log has no such channel."""
-    if channel not in found.chosen:
-        return None
-    label, _ = found.chosen[channel]
-    table = found.entries[number][label]
-    guess = table.best(channel)
-    if guess is None:
-        return None
-    return table.time.seconds, guess.group.values, guess.unit
+        label, _ = found.chosen[channel]
+        table = found.entries[number][label]
+        guess = table.best(channel)
+        if guess is None:
+            continue
+        t, values, unit = table.time.seconds, guess.group.values, guess.unit
+        step = -(-len(t) // POINTS)
+        # values that no unit explains would flatten all others
+        usual = np.abs(values) < BEYOND
+        drawn = np.where(usual, values, np.nan)
+        panels.append(Panel(f"{name} [{unit}]", t[::step], drawn[::step]))
+        # amplitude spectral densities of what moves and of the torque; one such value would fill the whole spectrum
+        if channel in ("q", "tau") and usual.all():
+            rate = 1.0 / float(np.median(np.diff(t)))
+            frequency, power = welch(values, rate, nperseg=min(len(t), 1024), axis=0)
+            title = f"spectrum of {name} [{unit}/√Hz]"
+            # without frequency zero, which a logarithmic axis does not have
+            density = np.sqrt(power[1:])
+            spectra.append(Panel(title, frequency[1:], density, spectrum=True))
+    return [*panels, *spectra]
 
 
 # The panels of a log as a PNG, for a chat or an issue.

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Group
 
 from gapscope.arm.display import MISSING, display_unit, effect_name, percent
-from gapscope.diagnosis.document.wording import acts_on
+from gapscope.diagnosis.document.wording import Document, acts_on
 from gapscope.reports.pages import (
     COLOURS,
     PLAIN,
@@ -38,7 +37,7 @@ def error_text(interval: Mapping[str, float | None]) -> str:
     return f"{value} mrad" if low == high else f"{value} mrad ({low}..{high})"
 
 
-def sentence(content: Mapping[str, Any]) -> str:
+def sentence(content: Document) -> str:
     """What matters most and least, beside the errors without and with all effects."""
     # rows come with what matters most first
     first, last = content["rows"][0], content["rows"][-1]
@@ -51,12 +50,12 @@ def sentence(content: Mapping[str, Any]) -> str:
     return f"{text}."
 
 
-def _name(row: Mapping[str, Any]) -> str:
+def _name(row: Document) -> str:
     """``coulomb friction (joint 2)``."""
     return f"{effect_name(row['effect'])} ({acts_on(row)})"
 
 
-def table(content: Mapping[str, Any]) -> PageSection:
+def table(content: Document) -> PageSection:
     """A row for each effect, what matters most first."""
     rows = []
     for row in content["rows"]:
@@ -82,12 +81,12 @@ def table(content: Mapping[str, Any]) -> PageSection:
     return PageSection("What each effect does to the task", HEADS, rows)
 
 
-def summary(content: Mapping[str, Any]) -> Group:
+def summary(content: Document) -> Group:
     """The table and its sentence on a terminal."""
     return Group(table(content).on_terminal(**PLAIN), "", content["summary"])
 
 
-def write_page(content: Mapping[str, Any], path: Path) -> None:
+def write_page(content: Document, path: Path) -> None:
     """Write the page: a bar for each effect, and the table.
 
     Raises:

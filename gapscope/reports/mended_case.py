@@ -6,16 +6,15 @@ import os
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from gapscope.arm.case import Case
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import write_text
 from gapscope.arm.io.case_file import moved, read_case_file
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
 from gapscope.arm.robots import shifted_text
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
-from gapscope.inspection.inspection import flow
+from gapscope.inspection.inspection import filled
 
 CASE, URDF = "mended_case.yaml", "mended.urdf"
 
@@ -103,44 +102,25 @@ def write_mended_case(
         # all gains: those of joints without a fault are the declared ones
         gains = {g.name: getattr(at_work, g.name).tolist() for g in at_work.gains}
         content["controller"] = {**content["controller"], **gains}
-    with atomic_write(folder / CASE) as aside:
-        # the case file, with a comment on each line that was changed
-        lines = [f"# {source.name}, with what gapscope diagnose found wrong put right"]
-        lines += [f"# left to every diagnosis: {x}" for x, keys in asked if not keys]
-        section = dict(content.pop("import", None) or {})
-        # what the file mends already comes first, then what was found
-        before = Reading.from_mend(
-            section.pop("mend", None) or {}, case.arm.n_joints, source
-        )
-        mend = after(before).to_mend()
-        # null: the channel is not read
-        section |= {name: None for name in UNREAD if reason(name)}
-        for key, value in content.items():
-            lines += _entry(key, value, reason(key))
-        if section or mend:
-            lines.append("import:")
-        for key, value in section.items():
-            why = reason(key) if key in UNREAD else ""
-            lines += [f"  {line}" for line in _entry(key, value, why)]
-        if mend:
-            lines.append("  mend:  # after all other keys of this section")
-        for key, value in mend.items():
-            lines += [f"    {key}: {flow(value)}{_comment(reason(key))}"]
-        aside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    section = dict(content.pop("import", None) or {})
+    # what the file mends already comes first, then what was found
+    before = Reading.from_mend(
+        section.pop("mend", None) or {}, case.arm.n_joints, source
+    )
+    # null: the channel is not read
+    section |= {name: None for name in UNREAD if reason(name)}
+    text = filled(
+        Path(__file__).with_name("mended_case.yaml.j2"),
+        source=source.name,
+        left=[str(fault) for fault, keys in asked if not keys],
+        content=content,
+        section=section,
+        mend=after(before).to_mend(),
+        reason=reason,
+        unread=UNREAD,
+    )
+    write_text(folder / CASE, text)
     return tuple(written)
-
-
-def _entry(key: str, value: Any, why: str) -> list[str]:
-    """Lines of a key with its value, a mapping over several, and why it was changed."""
-    # an empty mapping has no lines to spread over
-    if not isinstance(value, dict) or not value:
-        return [f"{key}: {flow(value)}{_comment(why)}"]
-    inner = [f"  {name}: {flow(part)}" for name, part in value.items()]
-    return [f"{key}:{_comment(why)}", *inner]
-
-
-def _comment(why: str) -> str:
-    return f"  # {why}" if why else ""
 
 
 def _write_urdf(arm: NominalArm, reading: Reading, path: Path) -> None:
@@ -153,5 +133,4 @@ def _write_urdf(arm: NominalArm, reading: Reading, path: Path) -> None:
         if name and "://" not in name and not Path(name).is_absolute():
             there = arm.urdf.resolve().parent / name
             mesh.set("filename", os.path.relpath(there, path.resolve().parent))
-    with atomic_write(path) as aside:
-        aside.write_text(ET.tostring(root, encoding="unicode"), encoding="utf-8")
+    write_text(path, ET.tostring(root, encoding="unicode"))

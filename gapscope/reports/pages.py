@@ -18,8 +18,9 @@ from rich.text import Text
 
 from gapscope.arm import display
 from gapscope.arm.display import effect_name
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import write_text
 from gapscope.diagnosis.document.wording import (
+    Document,
     acts_on,
     capital,
     holds_in,
@@ -43,9 +44,7 @@ def write_html(template: str, path: Path | str, **content: Any) -> None:
     Raises:
         GapscopeError: ``path`` cannot be written.
     """
-    html = render_html(template, **content)
-    with atomic_write(path) as aside:
-        aside.write_text(html, encoding="utf-8")
+    write_text(path, render_html(template, **content))
 
 
 def render_html(template: str, **content: Any) -> str:
@@ -255,7 +254,7 @@ def panels_figure(
 
 def error_bars(
     value: np.ndarray, low: np.ndarray, high: np.ndarray, **style: Any
-) -> dict[str, Any]:
+) -> Document:
     """Bars from low to high, (M,), of a trace at values, (M,); an end that is infinite has no bar."""
     above, below = (
         np.where(np.isfinite(x), x, 0.0) for x in (high - value, value - low)
@@ -326,6 +325,7 @@ def terminal_table(
     heads: Sequence[str],
     rows: Iterable[Sequence[str | Text]],
     left: int = 1,
+    whole: slice = slice(0),
     **style: Any,
 ) -> Table:
     """A table of texts: its first columns to the left, numbers of the others to the right.
@@ -334,11 +334,14 @@ def terminal_table(
         heads: of the columns.
         rows: their cells.
         left: how many columns are set to the left.
+        whole: columns whose cells stay on one line; the others take what is left of the width.
         style: of ``rich.table.Table``.
     """
     table = Table(**{"title_justify": "left", **style})
     for k, head in enumerate(heads):
         table.add_column(Text(head), justify="left" if k < left else "right")
+    for column in table.columns[whole]:
+        column.no_wrap = True
     for row in rows:
         table.add_row(*row)
     return table

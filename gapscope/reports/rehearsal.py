@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Group
 
@@ -17,6 +16,7 @@ from gapscope.arm.display import (
 )
 from gapscope.blind_check.scoring import share
 from gapscope.diagnosis.document.numbers import place_text
+from gapscope.diagnosis.document.wording import Document
 from gapscope.reports.blind_check import rate
 from gapscope.reports.pages import (
     COLOURS,
@@ -27,7 +27,6 @@ from gapscope.reports.pages import (
     write_plot_page,
 )
 
-Row = Mapping[str, Any]
 HEADS = (
     "put in",
     "size",
@@ -44,7 +43,7 @@ OUTCOMES = {"found": COLOURS[2], "confused": COLOURS[4], "missed": COLOURS[1]}
 """Results of a diagnosis, and their colours."""
 
 
-def sentence(rows: Sequence[Row]) -> str:
+def sentence(rows: Sequence[Document]) -> str:
     """How many effects were found, and how many at the size that should be in nine of ten."""
     counts = [sum(row["outcome"] == key for row in rows) for key in OUTCOMES]
     found, confused, missed = counts
@@ -60,7 +59,7 @@ def sentence(rows: Sequence[Row]) -> str:
     return f"{text}."
 
 
-def table(content: Mapping[str, Any]) -> PageSection:
+def table(content: Document) -> PageSection:
     """A row for each effect that was put in."""
     rows = []
     for row in content["rows"]:
@@ -85,19 +84,19 @@ def table(content: Mapping[str, Any]) -> PageSection:
     return PageSection("Effects put in, one at a time", HEADS, rows)
 
 
-def as_is(content: Mapping[str, Any]) -> str:
+def as_is(content: Document) -> str:
     """What the recordings name with nothing put in."""
     named = "; ".join(content["as_is"]) or "nothing"
     return f"As they are the recordings name: {named}. That does not count as found."
 
 
-def summary(content: Mapping[str, Any]) -> Group:
+def summary(content: Document) -> Group:
     """The table with its sentence on a terminal."""
     shown = table(content).on_terminal(**PLAIN)
     return Group(shown, "", content["summary"], as_is(content))
 
 
-def write_page(content: Mapping[str, Any], path: Path) -> None:
+def write_page(content: Document, path: Path) -> None:
     """Write the page: the picture of values said over values put in, and the table.
 
     Raises:

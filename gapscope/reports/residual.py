@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ from rich.text import Text
 
 from gapscope.arm.display import percent
 from gapscope.arm.io.json_file import write_document
+from gapscope.diagnosis.document.wording import Document
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.effects.residual import write_residual
@@ -36,7 +36,7 @@ FORMS = {"additive": "sum of functions", "mlp": "MLP", "tcn": "TCN", None: "sile
 """What a form is called."""
 
 
-def facts(content: Mapping[str, Any]) -> str:
+def facts(content: Document) -> str:
     """What was trained on and what was set aside."""
     parts = []
     for key, words in (("fitted", "trained on"), ("judged", "judged on")):
@@ -47,7 +47,7 @@ def facts(content: Mapping[str, Any]) -> str:
     return "; ".join(parts)
 
 
-def joint_sentence(joint: Mapping[str, Any]) -> str:
+def joint_sentence(joint: Document) -> str:
     """What was chosen for a joint, and why."""
     tried = ", ".join(
         f"{FORMS[form]} {percent(closed)}"
@@ -66,7 +66,7 @@ def joint_sentence(joint: Mapping[str, Any]) -> str:
     )
 
 
-def physics_sentence(content: Mapping[str, Any]) -> str:
+def physics_sentence(content: Document) -> str:
     """How far the network stays apart from the physics."""
     physics = content["physics"]
     of = {
@@ -112,7 +112,7 @@ HEADS = (
 )
 
 
-def write_page(content: Mapping[str, Any], path: Path) -> None:
+def write_page(content: Document, path: Path) -> None:
     """Write the page of a document of the form of ``residual.schema.json``.
 
     Raises:
@@ -126,7 +126,7 @@ def write_page(content: Mapping[str, Any], path: Path) -> None:
     write_plot_page(path, title, facts(content), [_table(content), physics, *joints])
 
 
-def _table(content: Mapping[str, Any]) -> PageSection:
+def _table(content: Document) -> PageSection:
     """Torque left per joint: by the corrected arm, with the network, with boosted trees."""
     rows = []
     for number, joint in enumerate(content["joints"], 1):
@@ -145,13 +145,13 @@ def _table(content: Mapping[str, Any]) -> PageSection:
     )
 
 
-def summary(content: Mapping[str, Any]) -> Group:
+def summary(content: Document) -> Group:
     """What the terminal shows: what was trained on, the torque left, and how far the network is from the physics."""
     said = Text(facts(content)), Text(physics_sentence(content))
     return Group(said[0], _table(content).on_terminal(box=None), said[1])
 
 
-def _section(number: int, joint: Mapping[str, Any]) -> PageSection:
+def _section(number: int, joint: Document) -> PageSection:
     """What a joint's network says, over its signals."""
     figure = figure_html(
         _figure(joint),
@@ -164,7 +164,7 @@ def _section(number: int, joint: Mapping[str, Any]) -> PageSection:
     return PageSection(title=title, note=joint_sentence(joint), figure=figure)
 
 
-def _figure(joint: Mapping[str, Any]) -> Figure:
+def _figure(joint: Document) -> Figure:
     """Three panels: dots for what the corrected arm leaves, lines for what the network says."""
     figure = subplots(1, len(PANELS), shared_yaxes=True)
     named = set()

@@ -128,13 +128,13 @@ def _poses(scene: Scene, q: np.ndarray, prefix: str, types: Any) -> Iterator[Mes
     rate = 1.0 / float(np.median(np.diff(scene.t)))
     step = max(1, round(rate / POSES_PER_SECOND))
     poses = link_poses(RigidBody(scene.arm), q[::step])
-    for k, moment in enumerate(scene.t[::step]):
+    for moment, links in zip(scene.t[::step], poses, strict=True):
         header = _header(moment, types)
         transforms = []
         # all against the base, so that no chain has to be known
-        for link, name in enumerate(poses.names):
-            place = types["geometry_msgs/msg/Vector3"](*poses.positions[k, link])
-            turn = types["geometry_msgs/msg/Quaternion"](*poses.quaternions[k, link])
+        for name, numbers in links.items():
+            place = types["geometry_msgs/msg/Vector3"](*numbers[:3])
+            turn = types["geometry_msgs/msg/Quaternion"](*numbers[3:])
             pose = types["geometry_msgs/msg/Transform"](place, turn)
             stamped = types["geometry_msgs/msg/TransformStamped"]
             transforms.append(stamped(header, f"{prefix}{name}", pose))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Group
@@ -16,6 +15,7 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.motions.trajectory import Sampled, read_sampled
 from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.document.wording import Document
 from gapscope.ident.excitation.design import (
     POINTS_PER_PERIOD,
     ROS_RATE,
@@ -132,7 +132,7 @@ def summary(found: Excitation, plan: ExcitationPlan) -> list[str]:
 
 
 def shown(
-    found: Excitation, expected: Sequence[Mapping[str, Any]], lines: Sequence[str]
+    found: Excitation, expected: Sequence[Document], lines: Sequence[str]
 ) -> Group:
     """What a terminal shows: least margins to the limits, sizes at which effects would be named, and some lines."""
     # jerk has a line of its own: its column would not fit

@@ -342,29 +342,26 @@ class EventFile:
 
     def __init__(self, path: Path, count: int) -> None:
         self.path, self.count = path, count
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.touch()
-        except OSError as error:
-            raise self._cannot(error) from None
+        # what cannot be written to is told before the first event
+        self._append("")
 
     def write(self, event: Event) -> None:
         """Append one line."""
-        line = event.as_line(self.count + 1) + "\n"
+        self._append(event.as_line(self.count + 1) + "\n")
+        self.count += 1
+
+    def _append(self, text: str) -> None:
         try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
             with self.path.open("a", encoding="utf-8") as file:
-                file.write(line)
+                file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
-            raise self._cannot(error) from None
-        self.count += 1
-
-    def _cannot(self, error: OSError) -> GapscopeError:
-        return GapscopeError(
-            f"{self.path}: cannot be written ({error.strerror})",
-            "choose another folder, or check the permissions of this one",
-        )
+            raise GapscopeError(
+                f"{self.path}: cannot be written ({error.strerror})",
+                "choose another folder, or check the permissions of this one",
+            ) from None
 
 
 # Samples as they come, cut into overlapping pieces and conditioned as a whole recording would be.

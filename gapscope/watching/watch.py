@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
@@ -37,24 +37,6 @@ from gapscope.watching.detector import (
     load_state,
     save_state,
 )
-
-# What every source of samples does: it gives what is new, and remembers where it is.
-
-
-class Source(Protocol):
-    """Samples of an arm, part by part as they come.
-
-    Attributes:
-        unfinished: whether something is there that may not be whole yet.
-    """
-
-    unfinished: bool
-
-    def poll(self) -> Iterator[Recording | Event]:
-        """What is new since the last call: parts of recordings in the order of time, and notes about the source."""
-
-    def position(self) -> dict[str, Any]:
-        """Where it is, as data for JSON; right between two items of ``poll``."""
 
 
 class Reading:
@@ -92,9 +74,8 @@ class Reading:
                 yield Event(event=NOTE, sentence=f"{file}: {said}")
 
 
-def is_text(path: Path) -> bool:
-    """Whether a file holds a row of samples in each line, so that its beginning can be used while it grows."""
-    return path.suffix.lower() in (".csv", ".tsv", ".txt")
+TEXTS = (".csv", ".tsv", ".txt")
+"""Endings of files that hold a row of samples in each line."""
 
 
 def check_readable(path: Path) -> None:
@@ -467,8 +448,9 @@ class Watch:
             self._first.append(self.detector.learn_from(told))
         position = earlier.position if earlier else None
         path, out = settings.source, settings.out
-        self.source: Source
-        if path.is_file() and is_text(path):
+        self.source: GrowingFile | Folder
+        # rows of text can be used while their file grows
+        if path.is_file() and path.suffix.lower() in TEXTS:
             self.source = GrowingFile(path, self._reading, settings.rest, position)
         else:
             self.source = Folder(path, self._reading, settings.rest, position, out)

@@ -71,7 +71,7 @@ def test_links_stand_where_kinematics_puts_the_tool():
     arm = load_nominal_arm("kuka_iiwa")
     body = RigidBody(arm)
     q = np.random.default_rng(0).uniform(-1, 1, (3, arm.n_joints))
-    poses = link_poses(body, q)
     tool = Kinematics(body)
-    for k in range(3):
-        np.testing.assert_allclose(poses.positions[k, -1], tool.tool(q[k]).translation)
+    for posture, links in zip(q, link_poses(body, q), strict=True):
+        *_, last = links.values()
+        np.testing.assert_allclose(last[:3], tool.tool(posture).translation)

@@ -19,6 +19,7 @@ import numpy as np
 from pinocchio import SE3, exp3
 from scipy.spatial.transform import Rotation
 
+from gapscope.arm.display import figures
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import LARGEST_NUMBER, is_file, read_bytes
 from gapscope.arm.nearest_name import nearest
@@ -1086,16 +1087,11 @@ def _check_inertial(inertial: Inertial, path: Path, where: str) -> None:
     # a negative moment within rounding of the largest one, or of a conversion
     if moments[0] < -max(1e-6 * abs(moments[2]), np.finfo(float).eps):
         raise InputError(
-            f"it has the principal moments {listed(moments)} kg m^2, expected none below zero",
+            f"it has the principal moments {figures(moments)} kg m^2, expected none below zero",
             "correct the moments: they are about the centre of mass, in the axes of the inertial's frame",
             file=path,
             where=where,
         )
-
-
-def listed(moments: np.ndarray) -> str:
-    """Principal moments as text [kg m^2], shape (3,)."""
-    return ", ".join(f"{moment:.4g}" for moment in moments)
 
 
 def tree_faults(

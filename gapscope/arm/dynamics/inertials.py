@@ -8,7 +8,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.description import MOMENTS, Inertial, listed
+from gapscope.arm.display import figures
+from gapscope.arm.dynamics.description import MOMENTS, Inertial
 from gapscope.arm.dynamics.plain_urdf import numbers
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.known_load import UPPER
@@ -67,8 +68,8 @@ def odd_inertials(body: RigidBody) -> tuple[str, ...]:
             said = "moments of inertia but no mass, which no body has; correct <mass>"
         elif moments[2] > (1 + EXCESS) * (moments[0] + moments[1]):
             said = (
-                f"the principal moments of inertia {listed(moments)} kg m^2, of which no body has one above the sum of "
-                "the others: they are simulated as they are; correct <inertia> if you can"
+                f"the principal moments of inertia {figures(moments)} kg m^2, of which no body has one above the "
+                "sum of the others: they are simulated as they are; correct <inertia> if you can"
             )
         else:
             continue
@@ -97,16 +98,20 @@ def set_parameters(link: ET.Element, parameters: np.ndarray) -> None:
     # the file's own origin and axes go: all is said in the link's frame
     for old in link.findall("inertial"):
         link.remove(old)
-    if not np.any(parameters):
-        return
-    inertia = pin.Inertia.FromDynamicParameters(np.asarray(parameters, dtype=float))
-    # a symmetric matrix: its six numbers, in URDF's order
-    six = map(repr, inertia.inertia[np.triu_indices(3)].tolist())
+    if np.any(parameters):
+        body = pin.Inertia.FromDynamicParameters(np.asarray(parameters, dtype=float))
+        link.insert(0, inertial_element(body.mass, body.lever, body.inertia))
+
+
+def inertial_element(mass: float, com: np.ndarray, moments: np.ndarray) -> ET.Element:
+    """An ``<inertial>`` in its link's frame: mass [kg], centre [m], (3,), and moments about it [kg m^2], (3, 3)."""
     inertial = ET.Element("inertial")
-    ET.SubElement(inertial, "origin", xyz=numbers(inertia.lever), rpy="0 0 0")
-    ET.SubElement(inertial, "mass", value=repr(float(inertia.mass)))
+    ET.SubElement(inertial, "origin", rpy="0 0 0", xyz=numbers(com))
+    ET.SubElement(inertial, "mass", value=repr(float(mass)))
+    # a symmetric matrix: its six numbers, in URDF's order
+    six = map(repr, moments[np.triu_indices(3)].tolist())
     ET.SubElement(inertial, "inertia", dict(zip(MOMENTS, six, strict=True)))
-    link.insert(0, inertial)
+    return inertial
 
 
 def possible(parameters: np.ndarray) -> bool:

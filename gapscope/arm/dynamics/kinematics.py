@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
@@ -18,36 +18,23 @@ POSTURES = 1000
 # Poses of all links of an arm along a motion, for pictures and logs.
 
 
-class LinkPoses(NamedTuple):
-    """Poses in the base frame of L links at N samples.
+def link_poses(body: RigidBody, q: np.ndarray) -> Iterator[dict[str, np.ndarray]]:
+    """Poses of all links in the base frame, fixed ones included, by their names in the robot's file, sample by sample.
 
-    Attributes:
-        names: of the links, as the robot's file has them.
-        positions: of their frames [m], shape (N, L, 3).
-        quaternions: x, y, z, w [1], shape (N, L, 4).
-    """
-
-    names: tuple[str, ...]
-    positions: np.ndarray
-    quaternions: np.ndarray
-
-
-def link_poses(body: RigidBody, q: np.ndarray) -> LinkPoses:
-    """Poses of all links, fixed ones included.
+    Each is x, y, z [m], then the quaternion x, y, z, w [1], shape (7,).
 
     Args:
         body: the arm.
         q: positions in the order of the arm's joints [rad or m], shape (N, n).
     """
     model, data = body.model, body.model.createData()
-    links = [k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
-    poses = []
     for state in np.ascontiguousarray(q[:, body.order]):
         pin.framesForwardKinematics(model, data, state)
-        poses.append([pin.SE3ToXYZQUAT(data.oMf[link]) for link in links])
-    # position, then quaternion
-    positions, quaternions = np.split(np.array(poses), [3], axis=-1)
-    return LinkPoses(tuple(model.frames[k].name for k in links), positions, quaternions)
+        yield {
+            frame.name: pin.SE3ToXYZQUAT(data.oMf[k])
+            for k, frame in enumerate(model.frames)
+            if frame.type == pin.FrameType.BODY
+        }
 
 
 # Kinematics of an arm by pinocchio: if its joints and its tool are, and how the tool moves.

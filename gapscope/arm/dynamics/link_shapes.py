@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull, QhullError
 from gapscope.arm.dynamics.description import Shape, read_description
 from gapscope.arm.dynamics.inertials import inertia_boxes
 from gapscope.arm.dynamics.kinematics import POSTURES
-from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.rigid_body import FORMS, RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import MOST
@@ -184,7 +184,7 @@ def mesh_points(mesh: Path, scale: Sequence[float]) -> np.ndarray | None:
         loaded = coal.MeshLoader().load(str(mesh), np.array(scale, dtype=float))
     except (ValueError, RuntimeError):
         return None
-    return np.asarray(loaded.vertices())
+    return loaded.vertices()
 
 
 def _hull(body: int, points: np.ndarray) -> list[Hull]:
@@ -375,7 +375,6 @@ def _convex(
     """Shapes of a URDF, each convex, named after their links with a number."""
     found = pin.GeometryModel()
     count: Counter[str] = Counter()
-    kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
     for shape in shapes:
         if shape.kind == "mesh":
             try:
@@ -388,7 +387,7 @@ def _convex(
                 ) from None
             form = form.convex
         else:
-            form = kinds[shape.kind](*shape.size)
+            form = FORMS[shape.kind](*shape.size)
         parent = body.model.getJointId(shape.joint) if shape.joint else 0
         name = f"{shape.link}_{count[shape.link]}"
         found.addGeometryObject(

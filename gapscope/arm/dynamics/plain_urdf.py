@@ -7,14 +7,19 @@ fixed and locked parts merged into it, inertial frames along the principal axes,
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
+import jinja2
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.description import listed
+from gapscope.arm.display import figures
 from gapscope.arm.dynamics.rigid_body import UNLIMITED, RigidBody
 from gapscope.arm.errors import InputError
 
@@ -96,43 +101,42 @@ def moving_links(body: RigidBody, *, movable: bool = True) -> tuple[Link, ...]:
     return tuple(links)
 
 
-def plain_urdf(links: tuple[Link, ...]) -> str:
+@cache
+def _template(name: str) -> jinja2.Template:
+    """A template of this folder."""
+    made = jinja2.Environment(
+        # names of joints come from others
+        autoescape=True,
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        undefined=jinja2.StrictUndefined,
+    )
+    own = (numbers, angles, quaternion, link_name)
+    made.filters |= {function.__name__: function for function in own}
+    return made.get_template(name)
+
+
+def plain_urdf(
+    links: tuple[Link, ...], name: str = "arm", *, exact: bool = False
+) -> str:
     """URDF text of the bodies; the base has a mass of 1 kg, which a fixed base makes irrelevant.
 
-    The principal moments are written as 1 kg m^2: a reader that corrects moments which break the triangle inequality
-    cannot be given them by file, so the engine sets ``Link.moments`` after loading.
+    Unless they are ``exact``, principal moments are written as 1 kg m^2: a reader that corrects moments which break the
+    triangle inequality cannot be given them by file, so the engine sets ``Link.moments`` after loading.
     """
-    robot = ET.Element("robot", name="arm")
-    _add_link(robot, "base", 1.0, pin.SE3.Identity())
-    for link in links:
-        _add_link(robot, link_name(link.joint), link.mass, link.inertial)
-        free = link.kind == "revolute" and link.limits is None
-        kind = "continuous" if free else link.kind
-        joint = ET.SubElement(robot, "joint", name=link.joint, type=kind)
-        ET.SubElement(joint, "parent", link=link_name(link.parent))
-        ET.SubElement(joint, "child", link=link_name(link.joint))
-        set_origin(joint, link.origin)
-        ET.SubElement(joint, "axis", xyz=numbers(link.axis))
-        # a URDF asks for limits of every joint but a continuous one
-        if not free:
-            # what engines make of limits that are none differs: wide ones are written
-            low, high = map(repr, link.limits or (-UNLIMITED, UNLIMITED))
-            limit = ET.SubElement(joint, "limit", lower=low, upper=high)
-            limit.attrib |= {"effort": "1e9", "velocity": "1e9"}
-    return ET.tostring(robot, encoding="unicode")
+    return _template("plain.urdf.j2").render(
+        links=links,
+        name=name,
+        exact=exact,
+        identity=pin.SE3.Identity(),
+        unlimited=UNLIMITED,
+    )
 
 
 def exact_urdf(name: str, links: tuple[Link, ...]) -> ET.Element:
     """The same as an element with the arm's name, and with the principal moments in full precision."""
-    root = ET.fromstring(plain_urdf(links))
-    root.set("name", name)
-    # the base comes first and has no moments of its own
-    for link, element in zip(links, root.findall("link")[1:], strict=True):
-        inertia = element.find("inertial/inertia")
-        assert inertia is not None
-        for key, value in zip(("ixx", "iyy", "izz"), link.moments, strict=True):
-            inertia.set(key, repr(float(value)))
-    return root
+    text = plain_urdf(links, name, exact=True)
+    # blanks of the template are no part of it
+    return ET.fromstring(re.sub(r">\s+<", "><", text))
 
 
 def check_inertia(body: RigidBody, at_fault: str = "") -> None:
@@ -162,7 +166,7 @@ def check_inertia(body: RigidBody, at_fault: str = "") -> None:
     if not bad:
         return
     joint = bad[0]
-    moments = listed(np.linalg.eigvalsh(inertias[joint].inertia))
+    moments = figures(np.linalg.eigvalsh(inertias[joint].inertia))
     raise InputError(
         f"the link moved by joint {joint + 1} ({body.joints[joint]}) has mass {inertias[joint].mass:.4g} kg and "
         f"principal moments of inertia {moments} kg m^2, which cannot be simulated",
@@ -179,15 +183,6 @@ def link_name(joint: str) -> str:
     return f"{joint}_link" if joint else "base"
 
 
-def _add_link(robot: ET.Element, name: str, mass: float, place: pin.SE3) -> None:
-    inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
-    set_origin(inertial, place)
-    ET.SubElement(inertial, "mass", value=repr(mass))
-    ET.SubElement(
-        inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0"
-    )
-
-
 def angles(place: pin.SE3) -> np.ndarray:
     """Roll, pitch and yaw of a place [rad], shape (3,)."""
     return np.asarray(pin.rpy.matrixToRpy(place.rotation))
@@ -201,7 +196,7 @@ def set_origin(element: ET.Element, place: pin.SE3) -> None:
     origin.set("rpy", numbers(angles(place)))
 
 
-def numbers(values: np.ndarray) -> str:
+def numbers(values: Iterable[float]) -> str:
     """Numbers as an attribute of XML, without loss."""
     return " ".join(repr(float(value)) for value in values)
 
@@ -216,36 +211,7 @@ def plain_mjcf(links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> str:
     Masses and principal moments are written as 1, since a reader may refuse those that it finds odd; the engine sets
     ``Link.mass`` and ``Link.moments`` after loading. Joints are named as the links', bodies are not.
     """
-    root = ET.Element("mujoco", model="arm")
-    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    option = ET.SubElement(
-        root, "option", timestep=repr(dt), integrator="Euler", gravity=numbers(gravity)
-    )
-    ET.SubElement(
-        option, "flag", contact="disable", eulerdamp="disable", autoreset="disable"
-    )
-    bodies = {"": ET.SubElement(root, "worldbody")}
-    for link in links:
-        # parents come before children: each body goes into that of its parent
-        body = ET.SubElement(bodies[link.parent], "body")
-        bodies[link.joint] = body
-        _add_place(body, link.origin)
-        inertial = ET.SubElement(body, "inertial", mass="1", diaginertia="1 1 1")
-        _add_place(inertial, link.inertial)
-        kind = "hinge" if link.kind == "revolute" else "slide"
-        joint = ET.SubElement(
-            body, "joint", name=link.joint, type=kind, axis=numbers(link.axis)
-        )
-        if link.limits is not None:
-            joint.set("range", numbers(np.array(link.limits)))
-            # time constant of four steps, critically damped: as stiff as a step bears
-            joint.set("solreflimit", f"{4 * dt!r} 1")
-    return ET.tostring(root, encoding="unicode")
-
-
-def _add_place(element: ET.Element, place: pin.SE3) -> None:
-    element.set("pos", numbers(place.translation))
-    element.set("quat", numbers(quaternion(place)))
+    return _template("plain.mjcf.j2").render(links=links, gravity=gravity, dt=dt)
 
 
 def quaternion(place: pin.SE3) -> np.ndarray:

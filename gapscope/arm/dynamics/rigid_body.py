@@ -8,6 +8,7 @@ from copy import copy
 from hashlib import blake2b
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -229,7 +230,7 @@ class RigidBody:
         linear, angular = jacobians[:, :3], jacobians[:, 3:]
         by_joint = (linear.transpose(0, 2, 1), angular.transpose(0, 2, 1))
         # J of a point p is J_v + J_w x p, with J about the origin of the base
-        return np.asarray((by_joint[0] + np.cross(by_joint[1], places))[:, self.places])
+        return (by_joint[0] + np.cross(by_joint[1], places))[:, self.places]
 
     def force_torque(self, q: np.ndarray, force: np.ndarray) -> np.ndarray:
         """J^T f [N m], shape (N, n): joint torque of a force on the arm at the last link's centre of mass.
@@ -463,17 +464,22 @@ def _add_joint(model: pin.Model, joint: Joint, body: int, place: pin.SE3) -> int
     return int(model.addJoint(body, motion, place, joint.name, *bounds[:, None]))
 
 
+FORMS = {
+    "box": coal.Box,
+    "sphere": coal.Sphere,
+    "ellipsoid": coal.Ellipsoid,
+    "cylinder": coal.Cylinder,
+    "capsule": coal.Capsule,
+}
+"""Solids by the kind of a shape, each made from the sizes of one."""
+
+
 def _weighed(shape: Shape) -> pin.Inertia:
     """Inertia of a homogeneous shape in its link's frame."""
-    a, rest = shape.size[0], float(np.prod(shape.size[1:]))
-    ball, disc = 4 / 3 * np.pi * a**3, np.pi * a**2
-    make, volume = {
-        "box": (pin.Inertia.FromBox, a * rest),
-        "sphere": (pin.Inertia.FromSphere, ball),
-        "ellipsoid": (pin.Inertia.FromEllipsoid, 4 / 3 * np.pi * a * rest),
-        "cylinder": (pin.Inertia.FromCylinder, disc * rest),
-        "capsule": (pin.Inertia.FromCapsule, ball + disc * rest),
-    }[shape.kind]
+    form = FORMS[shape.kind](*shape.size)
+    volume = form.computeVolume()
     # MJCF may give a shape its mass, else it has a density
     mass = shape.density * volume if shape.mass is None else shape.mass
-    return shape.place.act(make(float(mass), *shape.size))
+    # about its centre, as long as it has a density of 1
+    moments = mass / volume * form.computeMomentofInertia()
+    return shape.place.act(pin.Inertia(float(mass), np.zeros(3), moments))

@@ -38,6 +38,16 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
         ) from None
 
 
+def write_text(path: Path | str, text: str) -> None:
+    """Write a text in UTF-8 whole or not at all.
+
+    Raises:
+        GapscopeError: ``path`` cannot be written.
+    """
+    with atomic_write(path) as aside:
+        aside.write_text(text, encoding="utf-8")
+
+
 @contextmanager
 def folder_aside(place: Path) -> Iterator[Path]:
     """A hidden temporary folder beside a place, on the same file system, that goes when the block ends.

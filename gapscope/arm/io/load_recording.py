@@ -38,9 +38,9 @@ from gapscope.arm.io.plausibility import (
     check_rate,
     check_runs_forward,
     even_stamps_of_rows,
+    noted,
     put_right,
     repeated_rows,
-    without_rows,
 )
 from gapscope.arm.io.table import GAP_STEPS, Damage, Log, Table, damage
 from gapscope.arm.known_load import KnownLoad
@@ -134,7 +134,7 @@ def load_recording(
         InputError: a file is missing, damaged, incomplete or implausible; names file, line and column.
     """
     reader = _Reader(path, arm, importing or Import(), episode)
-    held, notes = reader.tables(complete), reader.notes
+    held = reader.tables(complete)
     # before rows are cut: time counts from the first row of the log
     begun = reader.first_stamp(held[0][0])
     if rows is not None:
@@ -146,24 +146,7 @@ def load_recording(
     # before anything is computed, so that messages name lines of the file
     held = reader.sound(held)
     main = held[0][0]
-    t = reader.time(main, any_unit=any_unit)
-    t, values = reader.channels(t, held)
-    if not every_row:
-        # first what a logger wrote twice: such rows hide that the others are even
-        repeated, found = repeated_rows(t, values)
-        t, values = without_rows(repeated, t, values)
-        notes += found
-        # only with rows dropped: a log that lost none keeps its stamps
-        even = even_stamps_of_rows(t, values["q"]) if repeated.any() else None
-        if even is not None:
-            t = even
-            notes.append(EVENLY_TAKEN)
-    # a part of the rows is warm from those before it: its time goes on from the first row of the log
-    t = t - begun
-    if abs(begun) > SAID_START:
-        notes.append(FROM_FIRST_ROW.format(begun))
-    t, values, found = put_right(t, values, arm.per_radian, every_row=every_row)
-    notes += found
+    t, values = reader.channels(reader.time(main, any_unit=any_unit), held)
     # read-only from here on, so that the recording shares them
     for series in (t, *values.values()):
         series.setflags(write=False)
@@ -173,8 +156,21 @@ def load_recording(
         name += f" {reader.log.tables[0].name}"
     if rows is not None:
         name += f" rows {rows[0]}-{rows[1]}"
-    channels: dict[str, Any] = values
-    recording = Recording(name, t, payload=payload, begun=begun, **channels)
+    series_and_notes: dict[str, Any] = values | {"notes": tuple(reader.notes)}
+    recording = Recording(name, t, payload=payload, begun=begun, **series_and_notes)
+    # first what a logger wrote twice: such rows hide that the others are even
+    repeated, found = repeated_rows(t, recording.channels)
+    if repeated.any() and not every_row:
+        recording = noted(recording.part(~repeated), *found)
+        # only with rows dropped: a log that lost none keeps its stamps
+        even = even_stamps_of_rows(recording.t, recording.q)
+        if even is not None:
+            recording = noted(recording, EVENLY_TAKEN, t=even)
+    # a part of the rows is warm from those before it: its time goes on from the first row of the log
+    recording = replace(recording, t=recording.t - begun)
+    if abs(begun) > SAID_START:
+        recording = noted(recording, FROM_FIRST_ROW.format(begun))
+    recording = put_right(recording, arm.per_radian, every_row=every_row)
     mend = reader.importing.mend
     if mend is not None:
         # its time was put right as the stamps were read
@@ -184,10 +180,12 @@ def load_recording(
             mend = replace(mend, torque_delay=0.0, torque_drift=0.0, pace=1.0)
         recording = mend(recording, arm)
     # after the mending: positions in their own unit and on their own side
-    notes += check_positions(recording, arm, main, any_unit=any_unit)
-    if not every_row:
-        notes += held_notes(recording) + step_notes(recording)
-    return replace(recording, notes=tuple(notes))
+    recording = noted(
+        recording, *check_positions(recording, arm, main, any_unit=any_unit)
+    )
+    if every_row:
+        return recording
+    return noted(recording, *held_notes(recording), *step_notes(recording))
 
 
 def recording_of_columns(
@@ -284,7 +282,7 @@ class _Reader:
                 file=self.importing.source or main.path,
                 where="field import.q.unit",
             )
-        held: Held = [(main, {"q": self._calibrated("q", q)})]
+        by_table = {id(main): (main, {"q": self._calibrated("q", q)})}
         for name, channel in self.importing.channels.items():
             if channel is None or name == "q":
                 continue
@@ -312,13 +310,8 @@ class _Reader:
                     own = replace(own, unit=q.unit, factor=factor)
             own = self._calibrated(name, own)
             # one table, several channels: it is joined once
-            for other, channels in held:
-                if other is table:
-                    channels[name] = own
-                    break
-            else:
-                held.append((table, {name: own}))
-        return self._timed(held)
+            by_table.setdefault(id(table), (table, {}))[1][name] = own
+        return self._timed(list(by_table.values()))
 
     def _positions(self) -> tuple[Table, Channel]:
         """The table with the positions, which all others are joined to, and their columns.
@@ -634,7 +627,7 @@ class _Reader:
         if not inside.all():
             cut = int((~inside).sum())
             self.notes.append(f"rows cut outside the time of the other files: {cut}")
-            t, values = without_rows(~inside, t, values)
+            t, values = t[inside], {name: x[inside] for name, x in values.items()}
         return t, self.importing.to_joint_side(values)
 
     def _channel(self, table: Table, channel: Channel) -> np.ndarray:

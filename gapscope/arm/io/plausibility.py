@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import median_filter
 from scipy.special import ndtri
 
+from gapscope.arm.display import marked
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import LARGEST_NUMBER
 from gapscope.arm.io.layouts import UNITS
 from gapscope.arm.io.table import GAP_STEPS, Table, runs
 from gapscope.arm.joint_units import joint_unit
@@ -264,15 +267,19 @@ def check_positions(
     return tuple(notes)
 
 
-def without_turns(
-    values: dict[str, np.ndarray],
-) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Channels without jumps by a turn, as a robot that counts from 0 to 360 degrees makes; and a note.
+def noted(recording: Recording, *notes: str, **changed: Any) -> Recording:
+    """The recording with further notes, on what of it has changed."""
+    return replace(recording, notes=(*recording.notes, *notes), **changed)
+
+
+def without_turns(recording: Recording) -> Recording:
+    """The recording without jumps by a turn, as a robot that counts from 0 to 360 degrees makes.
 
     Positions and references of its joints run on, around the turn that is nearest to zero.
     """
-    positions = {name: values[name] for name in ("q", "q_ref") if name in values}
-    turned = np.zeros(values["q"].shape[1], dtype=bool)
+    channels, q = recording.channels, recording.q
+    positions = {name: channels[name] for name in ("q", "q_ref") if name in channels}
+    turned = np.zeros(recording.n_joints, dtype=bool)
     for x in positions.values():
         step = np.abs(np.diff(x, axis=0))
         by_a_turn = np.abs(step - 2 * np.pi) < TURN_TOLERANCE
@@ -280,19 +287,17 @@ def without_turns(
         plain = (by_a_turn | (step < TURN_TOLERANCE)).all(axis=0)
         turned |= by_a_turn.any(axis=0) & plain
     if not turned.any():
-        return values, ()
+        return recording
     # where one joint starts again after a turn, those that did not get there count likewise
-    q = values["q"]
     counted = turned | ((q >= 0) & (q <= 2 * np.pi)).all(axis=0)
-    out = dict(values)
     for name, x in positions.items():
         steady = np.unwrap(x, axis=0)
         # the turn nearest to zero, by the middle of the whole way
         middle = (steady.max(axis=0) + steady.min(axis=0)) / 2
         steady = steady - 2 * np.pi * np.round(middle / (2 * np.pi))
-        out[name] = np.where(counted, steady, x)
-    joints = ", ".join(f"q{j + 1}" for j in np.flatnonzero(turned))
-    return out, (f"jumps by a turn between two samples taken back: {joints}",)
+        positions[name] = np.where(counted, steady, x)
+    said = f"jumps by a turn between two samples taken back: {marked(turned, 'q')}"
+    return noted(recording, said, **positions)
 
 
 def repeated_rows(
@@ -326,26 +331,23 @@ def repeated_rows(
     return stamp | stale, tuple(notes)
 
 
-def untrusted_torque(
-    values: dict[str, np.ndarray],
-) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Channels without a torque or torque sensor that cannot be a measurement, and notes why."""
-    kept, notes = dict(values), []
+def without_untrusted(recording: Recording) -> Recording:
+    """The recording without a torque or torque sensor that cannot be a measurement."""
     for name in ("tau", "tau_sensor"):
-        if name not in kept:
+        torque = getattr(recording, name)
+        if torque is None:
             continue
         # a driver that was asked for no torque writes zeros
-        silent = (kept[name] == 0).all(axis=0)
+        silent = (torque == 0).all(axis=0)
         if silent.all():
-            notes.append(f"{name} is zero throughout and was left out")
-            del kept[name]
+            said = f"{name} is zero throughout and was left out"
+            recording = noted(recording, said, **{name: None})
         elif silent.any():
-            joints = ", ".join(f"{name}{j + 1}" for j in np.flatnonzero(silent))
-            notes.append(f"{joints} zero throughout")
-    if "tau" in kept and _is_unsigned(kept["q"], kept["tau"]):
-        notes.append(UNSIGNED)
-        del kept["tau"]
-    return kept, tuple(notes)
+            said = f"{marked(silent, name)} zero throughout"
+            recording = noted(recording, said)
+    if recording.tau is not None and _is_unsigned(recording.q, recording.tau):
+        return noted(recording, UNSIGNED, tau=None)
+    return recording
 
 
 def _is_unsigned(q: np.ndarray, tau: np.ndarray) -> bool:
@@ -390,42 +392,39 @@ BRIDGED = "spikes replaced by the curve through their neighbours: "
 """Note on them; the number of each column follows."""
 
 
-def without_spikes(
-    t: np.ndarray, values: dict[str, np.ndarray], per_radian: np.ndarray
-) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Channels whose spikes are replaced by the cubic spline through all other samples; and a note.
+def without_spikes(recording: Recording, per_radian: np.ndarray) -> Recording:
+    """The recording with spikes of what was sensed replaced by the cubic spline through all other samples.
 
     Args:
-        t: time [s], (N,).
-        values: channels by name, (N, n) each.
+        recording: the recording.
         per_radian: what counts as a radian of each joint, (n,): see ``NominalArm.per_radian``.
     """
+    t, channels = recording.t, recording.channels
     # in a recording so short a single spike would be more than a tail
     if TAIL * len(t) < 1:
-        return values, ()
+        return recording
     step = float(np.median(np.diff(t)))
-    out, counts = dict(values), []
+    out: dict[str, np.ndarray] = {}
+    counts = []
     for name in SENSED:
-        # so written that no number at all fails too
-        if name not in values or not (np.abs(values[name]) < LARGEST_NUMBER).all():
+        if name not in channels:
             continue
-        low, high = np.quantile(values[name], (TAIL, 1 - TAIL), axis=0)
+        low, high = np.quantile(channels[name], (TAIL, 1 - TAIL), axis=0)
         # the standard deviation by two quantiles, on which spikes have no hold
         deviation = (low - high) / (2 * ndtri(TAIL))
         least = SPIKE_DEVIATIONS * deviation
         if name == "q":
             # one sample that is off by d asks for an acceleration of 2 d / h^2
             least = 0.5 * IMPOSSIBLE_ACCELERATION * step**2 * per_radian
-        for j, series in enumerate(values[name].T):
+        for j, series in enumerate(channels[name].T):
             rows = spikes(series, float(least[j]), ends=name == "q")
-            if not len(rows):
-                continue
-            # copied once, when the first spike is found
-            if out[name] is values[name]:
-                out[name] = values[name].copy()
-            out[name][:, j] = _bridged(t, series, rows)
-            counts.append(f"{name}{j + 1} {len(rows)}")
-    return out, (BRIDGED + ", ".join(counts),) if counts else ()
+            if len(rows):
+                # copied once, when the first spike is found
+                if name not in out:
+                    out[name] = channels[name].copy()
+                out[name][:, j] = _bridged(t, series, rows)
+                counts.append(f"{name}{j + 1} {len(rows)}")
+    return noted(recording, BRIDGED + ", ".join(counts), **out) if out else recording
 
 
 def spikes(series: np.ndarray, least: float, *, ends: bool = True) -> np.ndarray:
@@ -481,13 +480,9 @@ LEFT_OUT = "rows left out in which a position stands still and then leaps: "
 """Note on them; their number and share follow."""
 
 
-def stuck_rows(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Rows in which a position is stuck, mask of shape (N,), and notes.
-
-    Args:
-        t: time [s], (N,).
-        q: positions, any unit, (N, n).
-    """
+def without_stuck(recording: Recording) -> Recording:
+    """The recording without rows in which a position is stuck."""
+    t, q = recording.t, recording.q
     stuck = np.zeros(q.shape, dtype=bool)
     for j, series in enumerate(q.T):
         starts, stops = kept_values(series)
@@ -499,53 +494,35 @@ def stuck_rows(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, tuple[str, ...
         for place in np.flatnonzero(long & (leap > LEAP * usual)):
             # the first of them was measured
             stuck[starts[place] + 1 : stops[place], j] = True
-    joints = [f"q{j + 1}" for j in np.flatnonzero(stuck.any(axis=0))]
     rows = np.asarray(stuck.any(axis=1))
-    if not joints:
-        return rows, ()
-    return rows, (f"{LEFT_OUT}{rows.sum()} ({rows.mean():.2%}), {', '.join(joints)}",)
+    if not rows.any():
+        return recording
+    joints = marked(stuck.any(axis=0), "q")
+    said = f"{LEFT_OUT}{rows.sum()} ({rows.mean():.2%}), {joints}"
+    return noted(recording.part(~rows), said)
 
 
 # All of this, in the order in which a reader does it.
 
 
 def put_right(
-    t: np.ndarray,
-    values: dict[str, np.ndarray],
-    per_radian: np.ndarray,
-    *,
-    every_row: bool = False,
-) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...]]:
-    """Time and channels without turns, spikes, torques that are none and rows that are stuck; and notes.
+    recording: Recording, per_radian: np.ndarray, *, every_row: bool = False
+) -> Recording:
+    """The recording without turns, torques that are none, spikes, and rows that are stuck; notes say what was found.
 
     Args:
-        t: time [s], (N,), that runs on.
-        values: channels by name, (N, n) each.
+        recording: whose time runs on.
         per_radian: what counts as a radian of each joint, (n,).
         every_row: leave spikes and rows that are stuck as they are.
     """
-    notes: list[str] = []
     # turns first: they would look like stuck encoders that leap
-    for mend in (without_turns, untrusted_torque):
-        values, found = mend(values)
-        notes += found
+    recording = without_untrusted(without_turns(recording))
     # spikes before stuck rows: a spike ends a run of one value
     if not every_row:
-        values, found = without_spikes(t, values, per_radian)
-        stuck, said = stuck_rows(t, values["q"])
-        t, values = without_rows(stuck, t, values)
-        notes += found + said
-    step = np.diff(t)
+        recording = without_stuck(without_spikes(recording, per_radian))
+    step = np.diff(recording.t)
     wide = step > LOST_SAMPLE_STEP * np.median(step)
     if wide.any():
-        notes.append(f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s")
-    return t, values, tuple(notes)
-
-
-def without_rows(
-    rows: np.ndarray, t: np.ndarray, values: dict[str, np.ndarray]
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Time and channels without the rows of a mask, (N,)."""
-    if not rows.any():
-        return t, values
-    return t[~rows], {name: x[~rows] for name, x in values.items()}
+        said = f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s"
+        recording = noted(recording, said)
+    return recording

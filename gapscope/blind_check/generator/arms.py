@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from gapscope.arm.dynamics.description import moments_matrix
+from gapscope.arm.dynamics.description import MOMENTS, moments_matrix
+from gapscope.arm.dynamics.inertials import inertial_element
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm, pybullet_data
 
 # URDF text of the generator's arms: cleaned, read and changed link by link.
 
 
-MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-"""Moments and products of inertia as a file has them, row by row."""
 RADIUS = 0.08
 """Radius of gyration given to a link with a non-physical inertia [m]."""
 
@@ -123,15 +124,9 @@ def _numbers(text: str) -> np.ndarray:
 
 def set_inertial(link: ET.Element, inertial: Inertial) -> None:
     """Give a link another inertial."""
-    old = link.find("inertial")
-    if old is not None:
+    for old in link.findall("inertial"):
         link.remove(old)
-    new = ET.SubElement(link, "inertial")
-    com = " ".join(map(repr, inertial.com.tolist()))
-    ET.SubElement(new, "origin", rpy="0 0 0", xyz=com)
-    ET.SubElement(new, "mass", value=repr(float(inertial.mass)))
-    moments = map(repr, inertial.inertia[np.triu_indices(3)].tolist())
-    ET.SubElement(new, "inertia", dict(zip(MOMENTS, moments, strict=True)))
+    link.append(inertial_element(*inertial))
 
 
 def added(link: Inertial, load: Inertial) -> Inertial:
@@ -227,69 +222,14 @@ class Sheet(NamedTuple):
     payload: float
 
 
-_SEVEN = [1.4, 0.9, 1.4, 0.9, 1.5, 1.0, 1.6]
-_UR_HOME, _UR_HALF = [0, -1.2, 1.2, -1.0, -1.57, 0], [1.6, 1.0, 1.1, 1.4, 1.4, 1.6]
-SHEETS = {
-    "franka_panda": Sheet(
-        [0, -0.2, 0, -1.5, 0, 1.6, 0],
-        _SEVEN,
-        [1.1, 1.3, 0.8, 0.6, 0.1, 0.1, 0.05],
-        [0.9, 1.8, 0.8, 0.8, 0.2, 0.2, 0.1],
-        [0.5, 1.3, 0.5, 0.5, 0.15, 0.15, 0.08],
-        2.5,
-    ),
-    "kuka_iiwa": Sheet(
-        [0, 0.4, 0, -1.2, 0, 0.9, 0],
-        _SEVEN,
-        [1.2, 1.5, 0.8, 0.7, 0.3, 0.1, 0.05],
-        [2.0, 2.5, 1.2, 1.0, 0.6, 0.35, 0.2],
-        [1.5, 1.6, 0.9, 0.8, 0.4, 0.25, 0.12],
-        6.0,
-    ),
-    "xarm6": Sheet(
-        [0, -0.6, -0.9, 0, 0.9, 0],
-        [1.5, 0.7, 0.7, 1.4, 1.0, 1.6],
-        [0.7, 1.0, 0.6, 0.2, 0.12, 0.05],
-        [1.5, 2.2, 1.2, 0.4, 0.3, 0.12],
-        [1.2, 1.6, 1.0, 0.3, 0.25, 0.1],
-        3.0,
-    ),
-    "ur5_like": Sheet(
-        _UR_HOME,
-        _UR_HALF,
-        [0.8, 1.6, 0.5, 0.18, 0.18, 0.08],
-        [1.0, 1.8, 1.0, 0.2, 0.2, 0.15],
-        [1.0, 1.4, 0.9, 0.2, 0.18, 0.12],
-        4.0,
-    ),
-    "ur10_like": Sheet(
-        _UR_HOME,
-        _UR_HALF,
-        [2.5, 4.0, 1.5, 0.4, 0.3, 0.12],
-        [6.0, 8.0, 4.0, 0.8, 0.5, 0.3],
-        [6.0, 7.0, 3.5, 1.0, 0.7, 0.3],
-        8.0,
-    ),
-}
+_DATA = yaml.safe_load(
+    Path(__file__).with_name("arms.yaml").read_text(encoding="utf-8")
+)
+SHEETS = {name: Sheet(**sheet) for name, sheet in _DATA["sheets"].items()}
 """Values of the class of each robot [hollerbach2008, gaz2019]."""
-
-_H = np.pi / 2
-DH = {
-    "ur5_like": (
-        [0.0892, 0, 0, 0.1092, 0.0947, 0.0823],
-        [0, -0.425, -0.3923, 0, 0, 0],
-        [3.7, 8.39, 2.33, 1.22, 1.22, 0.35],
-        [0.07, 0.13, 0.1, 0.05, 0.05, 0.04],
-    ),
-    "ur10_like": (
-        [0.1273, 0, 0, 0.1639, 0.1157, 0.0922],
-        [0, -0.612, -0.5723, 0, 0, 0],
-        [7.1, 12.7, 4.27, 2.0, 2.0, 0.6],
-        [0.09, 0.17, 0.14, 0.06, 0.06, 0.04],
-    ),
-}
+DH = {name: tuple(table.values()) for name, table in _DATA["dh"].items()}
 """Per robot: offsets d and lengths a [m], masses [kg], radii of gyration [m]; alpha is that of the UR family."""
-ALPHA = [_H, 0, 0, _H, -_H, 0]
+ALPHA = [np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0]
 
 USUAL = (*SHEETS, "drawn")
 """Names of the arms of a blind check; ``drawn`` is a new arm with three to seven joints each time."""

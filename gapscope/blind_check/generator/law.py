@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,8 @@ import numpy as np
 from gapscope.blind_check.generator.arms import Arm
 from gapscope.blind_check.generator.true_arm import TrueArm
 
-LawValues = dict[str, np.ndarray]
+LawValues = dict[str, Any]
+"""Values of a law by name, arrays once they are those of a cause."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,8 @@ class Law(NamedTuple):
         self, rng: np.random.Generator, whole: LawContext, joints: np.ndarray
     ) -> Cause:
         """It at work on some joints, counted from 0, with values that are drawn."""
-        return Cause(self, joints, self.draw(Draws(rng, whole, joints)))
+        drawn = self.draw(Draws(rng, whole, joints)).items()
+        return Cause(self, joints, {name: np.asarray(x) for name, x in drawn})
 
 
 class Cause(NamedTuple):
@@ -175,21 +178,15 @@ class Cause(NamedTuple):
         return {**label, "recovery": True} if self.law.recovery else label
 
 
-def puts(**fields: str) -> Act:
-    """Set fields of the joints to values of these names."""
+def _writes(write: Callable[..., None], /, **fields: str) -> Act:
+    """Write values of these names into fields of the joints."""
 
     def act(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
         for name, value in fields.items():
-            plant.put(name, joints, values[value])
+            write(plant, name, joints, values[value])
 
     return act
 
 
-def adds(**fields: str) -> Act:
-    """Add values of these names to fields of the joints."""
-
-    def act(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-        for name, value in fields.items():
-            plant.add(name, joints, values[value])
-
-    return act
+puts, adds = partial(_writes, TrueArm.put), partial(_writes, TrueArm.add)
+"""Set fields of the joints to values of these names, and add such values to them."""

@@ -109,10 +109,9 @@ FRICTION = (
 def _payload(draws: Draws) -> LawValues:
     rng, largest = draws.rng, draws.whole.arm.payload
     x, y, z = (rng.uniform(*r) for r in ((-0.04, 0.04), (-0.04, 0.04), (-0.01, 0.1)))
-    com = np.array([x, y, z])
-    mass = np.array(largest * rng.uniform(0.2, 0.9))
-    radius = np.array(rng.choice([0.0, 0.03, 0.06]))
-    return {"mass": mass, "com": com, "radius": radius, "top": mass / largest}
+    mass = largest * rng.uniform(0.2, 0.9)
+    radius = rng.choice([0.0, 0.03, 0.06])
+    return {"mass": mass, "com": [x, y, z], "radius": radius, "top": mass / largest}
 
 
 def _apply_payload(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
@@ -132,10 +131,10 @@ def _link(draws: Draws) -> LawValues:
     shift = 0.5 * abs(share) * distance
     direction = rng.standard_normal(3)
     return {
-        "link": np.array(link),
-        "mass": np.array(share * body.mass),
+        "link": link,
+        "mass": share * body.mass,
         "com": shift * direction / np.linalg.norm(direction),
-        "share": np.array(share),
+        "share": share,
     }
 
 
@@ -157,8 +156,8 @@ def _tilt(draws: Draws) -> LawValues:
     angle = np.radians(draws.rng.uniform(0.5, 4.0))
     direction = draws.rng.uniform(0, 2 * np.pi)
     return {
-        "roll": np.array(angle * np.cos(direction)),
-        "pitch": np.array(angle * np.sin(direction)),
+        "roll": angle * np.cos(direction),
+        "pitch": angle * np.sin(direction),
     }
 
 
@@ -419,9 +418,9 @@ def _force(draws: Draws) -> LawValues:
     return {
         # 10 N is a first guess; the sizing scales it
         "force": 10.0 * rng.uniform(0.5, 2.0) * way / np.linalg.norm(way),
-        "start": np.array(start),
-        "end": np.array(start + lasts),
-        "ramp": np.array(rng.uniform(0.01, 0.04)),
+        "start": start,
+        "end": start + lasts,
+        "ramp": rng.uniform(0.01, 0.04),
     }
 
 
@@ -526,7 +525,7 @@ def _stamps(draws: Draws) -> LawValues:
         "jitter": rng.uniform(0.1, 0.3),
         "wrong_rate": float(rng.choice([0.8, 0.9, 1.1, 1.25])),
     }[kind]
-    return {"kind": np.array(kind), "amount": np.array(amount)}
+    return {"kind": kind, "amount": amount}
 
 
 def _apply_stamps(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
@@ -597,7 +596,7 @@ FAULTS = (
         "unit_mismatch",
         lambda draws: {
             "unit": draws.rng.choice(UNITS),
-            "ratio": np.array(float(draws.rng.integers(50, 161))),
+            "ratio": float(draws.rng.integers(50, 161)),
         },
         _apply_unit,
         {"unit": ""},
@@ -650,8 +649,8 @@ def _vibration(draws: Draws) -> LawValues:
     way = rng.standard_normal(3)
     return {
         "acceleration": rng.uniform(0.2, 1.0) * way / np.linalg.norm(way),
-        "frequency": np.array(rng.uniform(1.5, 9.0)),
-        "phase": np.array(rng.uniform(-np.pi, np.pi)),
+        "frequency": rng.uniform(1.5, 9.0),
+        "phase": rng.uniform(-np.pi, np.pi),
     }
 
 
@@ -668,9 +667,9 @@ def _contact(draws: Draws) -> LawValues:
     level = float(np.quantile(along, rng.uniform(0.8, 0.92)))
     depth = max(float(along.max()) - level, 0.01)
     return {
-        "stiffness": np.array(rng.uniform(5.0, 20.0) / depth),
+        "stiffness": rng.uniform(5.0, 20.0) / depth,
         "normal": way,
-        "level": np.array(level),
+        "level": level,
     }
 
 

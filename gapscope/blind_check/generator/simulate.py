@@ -210,19 +210,11 @@ def draw_conditions(
     rate = allocate(rng, count, [100, 250, 500, 1000], [0.15, 0.35, 0.3, 0.2])
     recordings = allocate(rng, count, [3, 4], [0.6, 0.4])
     width = rng.uniform(0.01, 0.1, count)
-    return [
-        Conditions(
-            robot=robot[k],
-            inertials_off=float(width[k]) if is_off[k] else 0.0,
-            noise=noise[k],
-            bare=is_bare[k],
-            loop_rate=loop_rate[k],
-            rate=min(rate[k], loop_rate[k]),
-            recordings=recordings[k],
-            duration=tuple(options["duration"]),
-        )
-        for k in range(count)
-    ]
+    own_off = np.where(is_off, width, 0.0).tolist()
+    own_rate = map(min, rate, loop_rate)
+    duration = [tuple(options["duration"])] * count
+    drawn = (robot, own_off, noise, is_bare, loop_rate, own_rate, recordings, duration)
+    return [Conditions(*each) for each in zip(*drawn, strict=True)]
 
 
 # The torque gap as the generator measures it: nominal arm against recording, filtered, per joint.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -164,7 +164,6 @@ class TrueArm:
     def __post_init__(self) -> None:
         """Fill in what a healthy arm has."""
         arm, own = self.arm, self.healthy
-        self.values = {name: np.zeros(arm.n) for name in FIELDS}
         # divisors of laws that are switched off
         ones = (
             "fall_speed",
@@ -178,7 +177,9 @@ class TrueArm:
             "fade_load",
             "reach",
         )
-        given = {
+        given: dict[str, Any] = {
+            **dict.fromkeys(FIELDS, 0.0),
+            **dict.fromkeys(ones, 1.0),
             "kp": self.loop.kp,
             "kd": self.loop.kd,
             "limit": self.loop.limit,
@@ -188,12 +189,10 @@ class TrueArm:
             "bend": own.bend,
             "stribeck": own.stribeck,
             "knee": own.knee,
-            "step": np.full(arm.n, own.encoder_step),
-            "clamp": np.full(arm.n, 1e9),
+            "step": own.encoder_step,
+            "clamp": 1e9,
         }
-        given |= {name: np.ones(arm.n) for name in ones}
-        for name, value in given.items():
-            self.values[name] = np.array(value, dtype=float)
+        self.values = {name: np.full(arm.n, value) for name, value in given.items()}
 
     def add(self, name: str, joints: np.ndarray, value: np.ndarray | float) -> None:
         """Add to a value of some joints (counted from 0)."""
