@@ -227,22 +227,19 @@ class Document(Comparison):
         return np.asarray(self.stages.corrected / self.stages.floor)
 
     def knows_most(self) -> bool:
-        """Whether what is named closes more of the gap than what is unknown leaves open, and more of the torque's square
-        of each joint.
-        """
+        """Whether what is named closes more than what is unknown leaves: of the gap, and of each joint's square."""
         gap = self.stages
         # a repaired fault closes all that it took away
         before = np.maximum(gap.recorded, gap.repaired)
         unknown = np.isin(np.arange(len(before)) + 1, self.unknown_joints)
         floor = np.where(unknown, gap.floor, gap.corrected)
 
-        def rest(power: int) -> np.ndarray:
-            """What is closed less what stays open, each not below zero, by joint."""
-            stages = (x**power for x in (before, gap.corrected, floor))
-            first, last, least = stages
+        def balance(power: int) -> np.ndarray:
+            """What is closed less what stays open, neither below zero, of each joint."""
+            first, last, least = before**power, gap.corrected**power, floor**power
             return np.asarray((first - last).clip(0) - (last - least).clip(0))
 
-        return bool(rest(1).sum() >= 0 and (rest(2) >= 0).all())
+        return bool(balance(1).sum() >= 0 and (balance(2) >= 0).all())
 
     # The document.
 
