@@ -16,7 +16,7 @@ from gapscope.arm.io.formats.lerobot import is_dataset
 from gapscope.arm.io.formats.table_files import table_of_lines
 from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.load_recording import load_recording
-from gapscope.arm.io.log import READERS
+from gapscope.arm.io.log import READERS, TEXTS
 from gapscope.arm.io.table import DAMAGED, PAUSE, Log
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
@@ -72,10 +72,6 @@ class Reading:
         for said in recording.notes:
             if said.startswith((DAMAGED, PAUSE)):
                 yield Event(event=NOTE, sentence=f"{file}: {said}")
-
-
-TEXTS = (".csv", ".tsv", ".txt")
-"""Endings of files that hold a row of samples in each line."""
 
 
 def check_readable(path: Path) -> None:

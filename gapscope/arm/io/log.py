@@ -27,10 +27,11 @@ __all__ = ["READERS", "Log", "open_log"]
 CHECK_PATH = "check the path"
 
 
+TEXTS = (".csv", ".tsv", ".txt", ".dat", ".asc")
+"""Endings of tables of text."""
+
 _OF_ONE_TABLE: dict[str, Callable[[Path], Table]] = {
-    ".csv": read_csv,
-    ".tsv": read_csv,
-    ".txt": read_csv,
+    **dict.fromkeys(TEXTS, read_csv),
     ".jsonl": read_json_lines,
     ".parquet": read_parquet,
     ".npz": read_npz,

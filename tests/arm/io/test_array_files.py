@@ -117,9 +117,10 @@ def test_a_declared_size_beyond_memory_is_left_unread(tmp_path: Path) -> None:
     assert log.unread == ("huge (1000000000000,)",)
 
 
+@pytest.mark.parametrize("ending", ["txt", "dat", "asc"])
 def test_text_tables_with_spaces_and_a_marked_header(
-    arm: NominalArm, tmp_path: Path
+    arm: NominalArm, tmp_path: Path, ending: str
 ) -> None:
-    path = tmp_path / "log.txt"
+    path = tmp_path / f"log.{ending}"
     np.savetxt(path, np.column_stack([T, Q]), header="t q1 q2")
     np.testing.assert_allclose(load_recording(path, arm).q, Q)
