@@ -73,7 +73,7 @@ LOAD_SIZE = 3.0
 """Largest prior deviation of an effect, in RMS torque over the joint's scale [1]. (physical)"""
 FORM_OF_FOUND = 0.1
 """Share of its torque by which a law that is found differs from the catalogue's form [1]. (hand)"""
-ROUNDS = 6
+ROUNDS = 4
 """Searches, each with noise and form error beside what the last one found. (budget)"""
 STARTS_FITTED, STARTS_TRIED = 2, 60
 """Compliant joints that are fitted, and values that are simulated of each. (budget)"""
@@ -187,7 +187,7 @@ class SheetSearch(Search):
         known = known or {}
         seen: set[frozenset[Candidate]] = set()
         # a round: the search beside noise and form error that leave out what is known
-        for _ in range(ROUNDS):
+        for number in range(2 * ROUNDS):
             fit = self._beside(known, torque)
             if fit.mine:
                 self.progress(f"finds {_described(fit)}")
@@ -198,15 +198,16 @@ class SheetSearch(Search):
                 break
             # what bends is known from now on: the next round looks beside it
             fit = bent or fit
-            # each beside the noise of the other: of sets that take turns the one that was likelier beforehand
-            likely = self._weigher(fit.own).odds
-            if frozenset(fit.mine) in seen and likely(fit.mine) >= likely(list(known)):
-                known = fit.values
-                break
+            # of sets that take turns, each beside the noise of the other, the one that was likelier beforehand stays
+            likely, enough = self._weigher(fit.own).odds, number + 1 >= ROUNDS
+            if frozenset(fit.mine) in seen:
+                enough = likely(fit.mine) >= likely(list(known))
             seen.add(frozenset(fit.mine))
             known, torque = fit.values, self._torque(self.least_squares(fit))
             # nature's form of a law differs a little: so much torque may be that
             self._sized = {one.term: self._size(fit, one) for one in fit.mine}
+            if enough:
+                break
         fit = self.with_some(list(known), known)
         # the empty set has to be among those that compete
         self._fit((), {}, {})
