@@ -6,7 +6,6 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,13 +14,13 @@ import yaml
 
 from gapscope.arm.dynamics.link_shapes import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.rollout import LONGEST_STEP
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.table import numbered
 from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import (
+    Limits,
     ReferenceMotion,
     Sampled,
     check_sample_count,
@@ -60,6 +59,7 @@ from gapscope.ident.excitation.trajectory_search import (
 from gapscope.ident.model.base_parameters import (
     CONDITION_LIMIT,
     ROUNDING,
+    STATES,
     condition_number,
 )
 from gapscope.ident.model.regressor import JOINT_COLUMNS
@@ -137,9 +137,8 @@ def read_joint_trajectory(path: Path) -> Sampled:
 # What was written is read back and checked at finer steps than it holds, as a controller would carry it out.
 
 
-CHECKED_RATE = 1.0 / LONGEST_STEP
-"""Samples per second at which a file is checked, at full speed [Hz], those of the simulator; as many along the path of
-a slow one."""
+CHECKED_RATE = 1000.0
+"""Samples per second at which a file is checked, at full speed [Hz]; as many along the path of a slow one."""
 
 
 def check_written(
@@ -162,17 +161,16 @@ def check_written(
     count = int(np.ceil(written.duration * CHECKED_RATE * speed)) + 1
     t = np.linspace(0.0, written.duration, count)
     motion = motion_of(written, t)
-    limits = checker.allowed.motion
+    limits, ends = checker.allowed.motion, [0, -1]
     for name, values, limit in (
         ("velocity", motion.dq, limits.velocity),
         ("acceleration", motion.ddq, limits.acceleration),
     ):
-        # at the first sample, and at the last
-        share = np.abs(values[[0, -1]]) / limit
-        end, j = np.unravel_index(int(share.argmax()), share.shape)
-        if share[end, j] > SPARE:
+        share = np.abs(values[ends]) / limit
+        if (share > SPARE).any():
+            end, j = np.unravel_index(int(share.argmax()), share.shape)
             raise GapscopeError(
-                f"{path}: not written: joint {j + 1} does not rest at {motion.t[-end]:.3f} s, its {name} is "
+                f"{path}: not written: joint {j + 1} does not rest at {motion.t[ends[end]]:.3f} s, its {name} is "
                 f"{100 * share[end, j]:.3g} % of its limit",
                 "report this: what is designed starts and ends at rest",
             )
@@ -290,9 +288,11 @@ class ExcitationPlan:
     @property
     def length(self) -> float:
         """Duration [s]."""
-        if self.duration is None:
-            return max(SHORTEST, 1 / self.frequency)
-        return float(self.duration)
+        return (
+            max(SHORTEST, 1 / self.frequency)
+            if self.duration is None
+            else float(self.duration)
+        )
 
     @property
     def method(self) -> str:
@@ -365,7 +365,9 @@ class LimitPlan:
         if not self.collisions:
             return None
         collision = CollisionModel(arm, body, self.surface)
-        if self.surface is not None and SURFACE not in chain(*collision.pairs):
+        if self.surface is not None and not any(
+            SURFACE in pair for pair in collision.pairs
+        ):
             raise InputError(
                 f"the whole arm lies below a surface at {self.surface:g} m in nearly every posture",
                 f"{REMEDIES[SURFACE]}; it is measured in the base frame",
@@ -431,9 +433,13 @@ def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -
     if condition <= CONDITION_LIMIT:
         return
     problem = f"the motion hardly determines the parameters, its condition number is {condition:.2g}"
-    remedy = "allow more evaluations, more harmonics or a longer motion"
-    where, least = binding_limit(search, x, condition) or ("limits", 0.0)
-    if where in OPTIONS:
+    remedy, where = (
+        "allow more evaluations, more harmonics or a longer motion",
+        "limits",
+    )
+    binding = binding_limit(search, x, condition)
+    if binding is not None:
+        where, least = binding
         problem += f": the limit of {where} keeps it small"
         remedy = (
             f"{OPTIONS[where]}; {WIDER:g} times as wide, it would leave {least:.2g}"
@@ -465,7 +471,7 @@ class Excitation:
         inertial_condition: the same for the inertial columns alone.
         names: of the base columns, shape (b,).
         separated: how far the effects of the plan are apart, or ``None`` if it names fewer than two.
-        evaluations: spent; a candidate with its gradient counts as ``gradient_cost``.
+        evaluations: spent; a candidate with its gradient counts as ``search.GRADIENT_COST``.
         feasible: those that kept all limits.
         seconds: time of the search [s].
         left_out: pairs of bodies that touch by construction and are not checked.
@@ -563,10 +569,10 @@ def prepare(
     Raises:
         InputError: the limits allow no trajectory.
     """
-    body = body or RigidBody(arm)
+    body = RigidBody(arm) if body is None else body
     allowed, collision = limits.allowed(arm, body), limits.collision(arm, body)
     final = Checker(arm, body, allowed, collision)
-    final.check_static()
+    final.check_static(_postures(allowed.motion))
     samples = SAMPLES
     if separator is not None:
         # a given separator predicts over time, which takes a rate of its own
@@ -606,7 +612,6 @@ def accept(
     # limits hold between the samples of the plan, too
     parts = int(np.ceil(CHECKED_RATE / plan.rate))
     broken = search.hardest
-    problem = f"none of {search.judged} candidates keeps all limits; broken most: "
     # the search samples coarsely: those that it kept are checked finely, best first
     for found in search.found[::-1]:
         reference = search.parametrisation.reference(found.x)
@@ -615,13 +620,17 @@ def accept(
         motion = sampled(written, written.duration, plan.rate * parts)
         margins = final.margins(motion, final.torque(motion))
         slow = final.margin_when_slow(motion, SLOW)
-        broken = tuple(m.name for m in (*margins, slow) if not m.spares)
-        if not broken:
+        broken_here = tuple(m.name for m in (*margins, slow) if not m.spares)
+        if not broken_here:
             return found.x, reference, margins
-        problem = "the best candidates break, between the samples of the search, "
-    remedies = [final.remedy(name) for name in broken]
+        broken = broken_here
+    problem = f"none of {search.judged} candidates keeps all limits; broken most: {', '.join(broken)}"
+    if search.found:
+        problem = f"the best candidates break {', '.join(broken)} between the samples of the search"
+    postures = _postures(final.allowed.motion)
+    remedies = [final.remedy(name, postures) for name in broken]
     raise InputError(
-        f"no trajectory within the limits was found: {problem}{', '.join(broken)}",
+        f"no trajectory within the limits was found: {problem}",
         "; ".join([*remedies, "or allow more evaluations"]),
         where="limits",
     )
@@ -632,3 +641,9 @@ def sampled(reference: ReferenceMotion, duration: float, rate: float) -> Motion:
     # the small number keeps rounding from adding a sample
     last = int(np.ceil(duration * rate - 1e-9))
     return motion_of(reference, np.arange(last + 1) / rate)
+
+
+def _postures(limits: Limits) -> np.ndarray:
+    """Random postures within the limits of position, shape (STATES, n)."""
+    shape = (STATES, len(limits.lower))
+    return np.random.default_rng(0).uniform(limits.lower, limits.upper, shape)

@@ -47,7 +47,7 @@ from gapscope.ident.model.base_parameters import (
     base_parameters,
     random_states,
 )
-from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 from gapscope.model.conditioning import WORKING_RATE
 from gapscope.model.design import LIKELY
 
@@ -86,6 +86,11 @@ class Allowed:
     torque: np.ndarray
     singular: float
     clearance: float
+
+    @property
+    def jerk(self) -> np.ndarray:
+        """Largest jerk [rad/s^3], shape (n,)."""
+        return self.motion.acceleration / JERK_TIME
 
 
 @dataclass(frozen=True)
@@ -152,62 +157,54 @@ class Checker:
 
     def distance(self, q: np.ndarray) -> np.ndarray:
         """Least distance between bodies at q [rad], (N, n), infinite if it is not checked [m]; shape (N,)."""
-        if self.collision is None:
-            return np.full(len(q), np.inf)
-        return self.collision.distance(q)[0]
+        return (
+            np.full(len(q), np.inf)
+            if self.collision is None
+            else self.collision.distance(q)[0]
+        )
 
     def margins(self, motion: Motion, torque: np.ndarray) -> tuple[Margin, ...]:
         """Margins of a motion of N samples with its nominal torque [N m], (N, n), to all limits that are checked."""
-        allowed, t = self.allowed, motion.t
+        allowed, t, sliding = self.allowed, motion.t, self._arm.sliding
         limits = allowed.motion
         middle, half = limits.upper + limits.lower, limits.upper - limits.lower
-        # over each step, counted at its end
-        jerk = np.diff(motion.ddq, axis=0) * motion.rate
-        out = [
-            self._margin(name, unit, limit, limit - np.abs(values), t)
-            for name, unit, limit, values in (
-                ("position", "rad", half / 2, motion.q - middle / 2),
-                ("velocity", "rad/s", limits.velocity, motion.dq),
-                ("acceleration", "rad/s^2", limits.acceleration, motion.ddq),
-                ("torque", "N m", allowed.torque, torque),
-                ("jerk", "rad/s^3", limits.acceleration / JERK_TIME, jerk),
-            )
+        wanted = [
+            ("position", "rad", half / 2, motion.q - middle / 2),
+            ("velocity", "rad/s", limits.velocity, motion.dq),
+            ("acceleration", "rad/s^2", limits.acceleration, motion.ddq),
+            ("torque", "N m", allowed.torque, torque),
         ]
-        if allowed.singular > 0:
-            least, values = np.array(allowed.singular), self.singular_value(motion.q)
-            out.append(self._margin("singular value", "1", least, values - least, t))
+        if len(t) > 1:
+            # over each step, counted at its end
+            change = np.diff(motion.ddq, axis=0) * motion.rate
+            wanted.append(("jerk", "rad/s^3", allowed.jerk, change))
+        out = [
+            _margin(name, common_unit(unit, sliding), limit, limit - np.abs(values), t)
+            for name, unit, limit, values in wanted
+        ]
+        least = [("singular value", "1", allowed.singular, self.singular_value)]
+        if allowed.singular <= 0:
+            least = []
         if self.collision is not None:
-            least, values = np.array(allowed.clearance), self.distance(motion.q)
-            out.append(self._margin("distance", "m", least, values - least, t))
+            least.append(("distance", "m", allowed.clearance, self.distance))
+        for name, unit, bound, measure in least:
+            slack = measure(motion.q) - bound
+            out.append(_margin(name, unit, np.array(bound), slack, t))
         return tuple(out)
 
     def margin_when_slow(self, motion: Motion, speed: float) -> Margin:
         """Margin to the torque limits of the same path at ``speed`` times the speed [1]; gravity may need more then."""
-        slow, limit = Sampled(motion).slower(speed).motion, self.allowed.torque
-        slack = limit - np.abs(self.torque(slow))
-        return self._margin("torque when slow", "N m", limit, slack, motion.t)
+        slow = Sampled(motion).slower(speed).motion
+        slack = self.allowed.torque - np.abs(self.torque(slow))
+        unit = common_unit("N m", self._arm.sliding)
+        return _margin("torque when slow", unit, self.allowed.torque, slack, motion.t)
 
-    def _margin(
-        self,
-        name: str,
-        unit: str,
-        limit: np.ndarray,
-        slack: np.ndarray,
-        t: np.ndarray,
-    ) -> Margin:
-        """The margin by what is left of a limit at the last samples, (N, n) or (N,)."""
-        worst = (slack / limit).min(axis=1) if limit.ndim else slack
-        at = float(t[len(t) - len(slack) + int(worst.argmin())])
-        unit = common_unit(unit, self._arm.sliding) if limit.ndim else unit
-        return Margin(name, unit, limit, slack.min(axis=0), at)
-
-    def check_static(self) -> None:
-        """Check that some posture can be held at all, of many.
+    def check_static(self, postures: np.ndarray) -> None:
+        """Check that some posture can be held at all, given many within the position limits, shape (N, n).
 
         Raises:
             InputError: torque, singular poses or collisions forbid all of them; says which.
         """
-        postures = self._body.postures(STATES)
         still = np.zeros_like(postures)
         torque = (
             np.abs(self._body.inverse_dynamics(postures, still, still))
@@ -235,20 +232,33 @@ class Checker:
             raise InputError(
                 f"the limits allow no trajectory: no posture keeps {self.allowed.clearance:.4g} m between bodies and "
                 f"to the surface; the best keeps {distances.max():.3g} m",
-                self.remedy("distance"),
+                self.remedy("distance", postures),
                 where="clearance",
             )
 
-    def remedy(self, name: str) -> str:
-        """What to change if candidates break one limit, named as in ``Margin``."""
+    def remedy(self, name: str, postures: np.ndarray) -> str:
+        """What to change if candidates break one limit, named as in ``Margin``.
+
+        Args:
+            name: of the limit.
+            postures: random ones within the position limits, shape (N, n), for what mostly comes too near.
+        """
         if name != "distance" or self.collision is None:
             return REMEDIES.get(name, "slow the motion down")
-        # what mostly comes too near
-        distance, nearest = self.collision.distance(self._body.postures(STATES))
+        distance, nearest = self.collision.distance(postures)
         too_near = nearest[distance < self.allowed.clearance]
         to_surface = [SURFACE in self.collision.pairs[i] for i in too_near]
         mostly_surface = sum(to_surface) > len(to_surface) / 2
         return REMEDIES[SURFACE if mostly_surface else name]
+
+
+def _margin(
+    name: str, unit: str, limit: np.ndarray, slack: np.ndarray, t: np.ndarray
+) -> Margin:
+    relative = slack / limit if limit.ndim else slack
+    worst = relative.min(axis=1) if limit.ndim else relative
+    at = t[len(t) - len(slack) + int(worst.argmin())]
+    return Margin(name, unit, limit, slack.min(axis=0), float(at))
 
 
 def check_motion_limits(limits: Limits) -> None:
@@ -412,17 +422,15 @@ ROOM = 0.9
 
 
 class _Decoded(NamedTuple):
-    """Centre, share, S and gain as in ``Parametrisation``; of the limit that a joint uses most its row and its room.
-
-    The room is negative below the centre.
-    """
+    """Centre, share, S and gain as in ``Parametrisation``; of the limit that a joint uses most row, sign and room."""
 
     centre: np.ndarray
     share: np.ndarray
     raw: np.ndarray
     gain: np.ndarray
     active: np.ndarray
-    room: np.ndarray
+    sign: np.ndarray
+    limit: np.ndarray
 
     @property
     def coefficients(self) -> np.ndarray:
@@ -447,7 +455,7 @@ class Parametrisation:
         self.family, self.limits = family, limits
         self._n = family.n_joints
         self.size = 2 * self._n + family.size
-        # limits are checked at these times, first all of positions
+        # limits are checked at these times
         self._count = int(np.ceil(family.duration / STEP)) + 1
         dense = family.basis(np.linspace(0.0, family.duration, self._count))
         self._rows = np.concatenate(dense)
@@ -485,15 +493,16 @@ class Parametrisation:
         along = (decoded.raw * by_coefficients).sum(axis=0)
         # the gain is RESERVE over the use of the limit that is used most
         by_use = -(decoded.gain**2) / RESERVE * decoded.share * along
-        by_row = by_use / decoded.room
-        by_raw = (
-            decoded.share * decoded.gain * by_coefficients
-            + by_row * self._rows[decoded.active].T
-        )
         # a limit of position is nearer if the centre is
         at_position = decoded.active < self._count
-        nearer = np.where(at_position, by_row * RESERVE / decoded.gain, 0.0)
-        by_centre = gradients[0].sum(axis=0) + nearer
+        by_room = decoded.sign * RESERVE / decoded.gain / decoded.limit
+        use_by_centre = np.where(at_position, by_room, 0.0)
+        active_rows = self._rows[decoded.active].T
+        by_raw = (
+            decoded.share * decoded.gain * by_coefficients
+            + by_use * decoded.sign / decoded.limit * active_rows
+        )
+        by_centre = gradients[0].sum(axis=0) + by_use * use_by_centre
         half = (self.limits.upper - self.limits.lower) / 2
         by_share = decoded.gain * along
         by_uniform = np.concatenate([by_centre * 2 * ROOM * half, by_share])
@@ -510,22 +519,26 @@ class Parametrisation:
         raw = self.family.coefficients(x[2 * n :])
         # position, velocity and acceleration, each at all times: (3, times, n)
         series = (self._rows @ raw).reshape(3, self._count, n)
-        same = [limits.velocity, limits.acceleration]
-        rooms = np.array(
-            [[upper - centre, *same], [lower - centre, *[-x for x in same]]]
-        )
-        # either end of each, over its room above or below: (2, 3, n)
-        uses = np.stack([series.max(axis=1), series.min(axis=1)]) / rooms
-        times = np.stack([series.argmax(axis=1), series.argmin(axis=1)])
-        most = (*np.unravel_index(uses.reshape(6, n).argmax(axis=0), (2, 3)), range(n))
+        above = np.stack([upper - centre, limits.velocity, limits.acceleration])
+        below = np.stack([centre - lower, limits.velocity, limits.acceleration])
+        limit = np.concatenate([above, below])
+        uses = np.concatenate([series.max(axis=1), -series.min(axis=1)]) / limit
+        # rows 0 to 2 are the upper limits of the three, 3 to 5 the lower ones
+        most_used = uses.argmax(axis=0)
+        joints = np.arange(n)
+        kind, is_upper = most_used % len(above), most_used < len(above)
+        highest, lowest = series.argmax(axis=1), series.argmin(axis=1)
+        time = np.where(is_upper, highest[kind, joints], lowest[kind, joints])
+        # a joint that does not move uses no limit
+        use = np.maximum(uses[most_used, joints], TINY)
         return _Decoded(
             centre=centre,
             share=ndtr(x[n : 2 * n]),
             raw=raw,
-            # a joint that does not move uses no limit
-            gain=RESERVE / np.maximum(uses[most], TINY),
-            active=most[1] * self._count + times[most],
-            room=rooms[most],
+            gain=RESERVE / use,
+            active=kind * self._count + time,
+            sign=np.where(is_upper, 1.0, -1.0),
+            limit=limit[most_used, joints],
         )
 
 
@@ -726,13 +739,13 @@ class ExcitationModel:
         # the nominal torque is the regressor times the nominal parameters
         by_nominal = by_torque[:, :, None] * self.body.inertial_parameters()
         weight = full[:, :, :links] + by_nominal
-        # a drive acts on its own joint alone: by quantity, (N, n) each
-        columns = full[:, :, links:].reshape(*motion.q.shape, -1, n)
-        diagonals = np.einsum("ijkj->kij", columns)
-        own = dict(zip(self._regressor.quantities, diagonals, strict=True))
+        own = {name: np.zeros_like(motion.q) for name in JOINT_COLUMNS}
+        for k, name in enumerate(self._regressor.quantities):
+            first = links + k * n
+            own[name] = np.einsum("ijj->ij", full[:, :, first : first + n])
         by_q = np.zeros_like(motion.q)
-        by_dq = self.arm.viscous * by_torque + own.get("damping", 0.0)
-        by_ddq = self.arm.armature * by_torque + own.get("rotor", 0.0)
+        by_dq = self.arm.viscous * by_torque + own["damping"]
+        by_ddq = self.arm.armature * by_torque + own["rotor"]
 
         def contracted(*state: np.ndarray) -> np.ndarray:
             return np.einsum("tij,tij->t", weight, self.body.regressor(*state))
@@ -774,8 +787,7 @@ class Budget:
     """When a search ends: at the first of these.
 
     Attributes:
-        evaluations: candidates evaluated, one with its gradient counted as
-            ``TrajectorySearch.gradient_cost``; ``None`` for any.
+        evaluations: candidates evaluated, one with its gradient counted as ``GRADIENT_COST``; ``None`` for any.
         seconds: time [s]; ``None`` for any, and then a search with the same seed gives the same result.
 
     Raises:
@@ -800,6 +812,10 @@ class Budget:
                 "give evaluations, seconds or both",
                 where="budget",
             )
+
+
+GRADIENT_COST = 8
+"""Evaluations that one with a gradient counts as: what it takes on an arm with seven joints."""
 
 
 class Found(NamedTuple):
@@ -829,7 +845,6 @@ class TrajectorySearch:
     Attributes:
         found: candidates that keep all limits, each better than those before it.
         evaluations: spent.
-        gradient_cost: evaluations that one with a gradient counts as: its own, and about one for each joint.
         judged: number of candidates scored.
         feasible: number of candidates that kept all limits.
     """
@@ -845,12 +860,15 @@ class TrajectorySearch:
         progress: Callable[[float, float], None] = lambda share, best: None,
         samples: int = SAMPLES,
     ) -> None:
-        self.parametrisation, self.model = parametrisation, model
-        self.criterion, self.separator = criterion, separator
-        self.checker, self.budget, self.progress = checker, budget, progress
+        self.parametrisation, self.model, self.criterion = (
+            parametrisation,
+            model,
+            criterion,
+        )
+        self.checker, self.budget, self.separator = checker, budget, separator
+        self.progress = progress
         self.found: list[Found] = []
         self.evaluations = self.judged = self.feasible = 0
-        self.gradient_cost = 1 + model.arm.n_joints
         family = parametrisation.family
         self._t = np.linspace(0.0, family.duration, samples)
         self._basis = family.basis(self._t)
@@ -865,9 +883,13 @@ class TrajectorySearch:
     @property
     def share(self) -> float:
         """Share of the budget that is spent [1]."""
-        elapsed = time.monotonic() - self._start
-        of_evaluations = self.evaluations / (self.budget.evaluations or np.inf)
-        return min(max(of_evaluations, elapsed / (self.budget.seconds or np.inf)), 1.0)
+        evaluations, seconds = self.budget.evaluations, self.budget.seconds
+        share = 0.0
+        if evaluations:
+            share = self.evaluations / evaluations
+        if seconds:
+            share = max(share, (time.monotonic() - self._start) / seconds)
+        return min(share, 1.0)
 
     @property
     def hardest(self) -> tuple[str, ...]:
@@ -884,25 +906,26 @@ class TrajectorySearch:
 
     def score_and_gradient(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Score of a candidate and its gradient, shape (d,), exact but for distances, by central differences."""
-        self.evaluations += self.gradient_cost
+        self.evaluations += GRADIENT_COST
         motion, matrix, breaches, worst = self._judged(x)
         weight = PENALTY * np.minimum(breaches / TOLERATED, 1.0)
-        by_torque, limit = np.zeros_like(motion.q), self.checker.allowed.torque
-        peaks = worst[0], np.arange(len(limit))
-        peak = self.checker.torque(motion)[peaks]
+        by_torque = np.zeros_like(motion.q)
+        joints, limit = np.arange(len(worst[0])), self.checker.allowed.torque
+        peak = self.checker.torque(motion)[worst[0], joints]
         slope = np.where(np.abs(peak) > limit, np.sign(peak) / limit, 0.0)
-        by_torque[peaks] = weight[0] * slope
-        by_matrix = self.criterion.gradient(matrix, self.model.reference)
-        by_state = self.model.pullback(motion, by_matrix, by_torque)
+        by_torque[worst[0], joints] = weight[0] * slope
+        by_q, by_dq, by_ddq = self.model.pullback(
+            motion, self.criterion.gradient(matrix, self.model.reference), by_torque
+        )
         # of the other breaches the worst sample alone decides
         for k, row in enumerate(worst[1:]):
             if breaches[1 + k] > 0:
-                shifts = SLOPE_STEP * np.eye(len(limit))
+                shifts = SLOPE_STEP * np.eye(len(joints))
                 up, down = (
                     self._slacks(motion.q[row] + s)[k] for s in (shifts, -shifts)
                 )
-                by_state[0][row] -= weight[1 + k] * (up - down) / (2 * SLOPE_STEP)
-        gradient = self.parametrisation.pullback(x, self._basis, by_state)
+                by_q[row] -= weight[1 + k] * (up - down) / (2 * SLOPE_STEP)
+        gradient = self.parametrisation.pullback(x, self._basis, (by_q, by_dq, by_ddq))
         return self._note(x, self._value(motion, matrix), breaches), gradient
 
     def _judged(
@@ -971,13 +994,15 @@ def random_starts(
     search: TrajectorySearch, rng: np.random.Generator, count: int
 ) -> np.ndarray:
     """The best of random candidates, best first, shape (count, d), for ``STARTS`` of the whole budget."""
-    tried: list[tuple[float, np.ndarray]] = []
-    end = min(search.share + STARTS, 1.0)
-    while len(tried) < count or search.share < end:
+    candidates: list[np.ndarray] = []
+    scores: list[float] = []
+    end = search.share + STARTS
+    while len(candidates) < count or (search.share < end and not search.spent):
         x = search.parametrisation.draw(rng)
-        tried.append((search.score(x), x))
-    best = sorted(tried, key=lambda one: one[0])[:count]
-    return np.array([x for _, x in best])
+        candidates.append(x)
+        scores.append(search.score(x))
+    best = np.argsort(scores, kind="stable")[:count]
+    return np.array(candidates)[best]
 
 
 # Gradient refinement: quasi-Newton steps with analytic derivatives.
@@ -1048,10 +1073,7 @@ def evolution(search: TrajectorySearch, rng: np.random.Generator) -> None:
 
 
 PARTICLES = 40
-ATTRACTION = 4.1
-"""Both pulls together before the constriction [clerc2002]; above 4 a swarm converges [1]."""
-INERTIA = 2 / (ATTRACTION - 2 + np.sqrt((ATTRACTION - 2) ** 2 - 2**2))
-PULL = INERTIA * ATTRACTION / 2
+INERTIA, PULL = 0.7298, 1.4962
 """w and c of a swarm [1]."""
 
 
