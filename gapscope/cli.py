@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import signal
 import sys
 import warnings
 from typing import Any
@@ -104,6 +105,9 @@ def _check_none_empty(arguments: list[str]) -> None:
 def main(arguments: list[str] | None = None) -> Any:
     """Run a command; the process ends with 0, 1 (the work failed, said why) or 2 (bad input)."""
     warnings.showwarning = _show_warning
+    if arguments is None:
+        # asked to end it cleans up as it does when it is interrupted
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         _check_none_empty(sys.argv[1:] if arguments is None else arguments)
         app(args=arguments)

@@ -11,7 +11,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from functools import partial
 from operator import itemgetter
@@ -292,6 +292,9 @@ def run_fleet(plan: FleetPlan, progress: Progress) -> FleetCounts:
         GapscopeError: another run writes to the folder, Ray is not installed, or the run was stopped.
     """
     plan.check()
+    # a worker of this machine has a temporary folder of its own: cases lie where the next run finds what is left
+    if plan.backend == LOCAL and plan.scratch is None:
+        plan = replace(plan, scratch=Path(tempfile.gettempdir()))
     with locked(plan.out):
         store, counts = FleetStore(plan.out), FleetCounts()
         cases: list[dict[str, Any]] = []

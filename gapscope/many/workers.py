@@ -7,6 +7,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import closing
 from dataclasses import dataclass, replace
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from joblib.externals.loky import ProcessPoolExecutor
@@ -99,6 +100,8 @@ class LocalProcesses(Pool):
     def __init__(self, jobs: int) -> None:
         self.jobs = jobs
         self._executors: dict[Future[Any], Any] = {}
+        # a process that is ended leaves its temporary folders behind: they lie in this one
+        self._aside = TemporaryDirectory(prefix="gapscope-")
 
     def submit(
         self, function: Callable[..., Any], arguments: tuple[Any, ...]
@@ -115,7 +118,8 @@ class LocalProcesses(Pool):
                 own.shutdown()
         if executor is None:
             # of one process, which starts with its first call; numeric libraries get one thread there
-            executor = ProcessPoolExecutor(1, env=dict.fromkeys(THREADS, "1"))
+            environment = dict.fromkeys(THREADS, "1") | {"TMPDIR": self._aside.name}
+            executor = ProcessPoolExecutor(1, env=environment)
         made = executor.submit(function, *arguments)
         self._executors[made] = executor
         return made
@@ -126,9 +130,10 @@ class LocalProcesses(Pool):
         return str(error).splitlines()[0] if broken else ""
 
     def close(self) -> None:
-        """End the processes."""
+        """End the processes, and what they left in their temporary folders."""
         for executor in self._executors.values():
             executor.shutdown(kill_workers=True)
+        self._aside.cleanup()
 
 
 # Workers of a Ray cluster.
