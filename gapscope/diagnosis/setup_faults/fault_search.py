@@ -40,6 +40,7 @@ from gapscope.effects.setup_faults import (
     TORQUE_DELAY_STARTS,
     Fault,
     LateTorque,
+    SignFlip,
     TimeStamps,
     TorqueUnit,
     UnitMismatch,
@@ -243,6 +244,11 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
         screened = _screened(coarse, reading, candidates, charges)
         finalists = _finalists(coarse, fine, reading, screened, charges)
         best = max(finalists, key=lambda finalist: finalist.gain, default=None)
+        if best is not None and isinstance(best.candidate, TurnedBase):
+            mirrored = _mirrored(fine, reading, best)
+            if mirrored is not None:
+                # beside a base that is turned either way the others have lost already
+                best, finalists = mirrored, [mirrored]
         if best is None or best.gain < UNUSUAL:
             break
         # a turned base only steps out of the way of others: the search names it
@@ -375,6 +381,25 @@ def _stays_in_range(
         return True
     after = joints_beyond_range(scorer, reading.then(own))
     return len(after) <= len(beyond)
+
+
+def _mirrored(
+    scorer: ReadingScorer, reading: Reading, turned: _Finalist
+) -> _Finalist | None:
+    """All torques turned round, if a base turned the other way as well explains decisively more than one turned alone.
+
+    Gravity is the same under both: neither of the two is found without the other.
+    """
+    n = scorer.arm.n_joints
+    signs = SignFlip(tuple(range(1, n + 1)))
+    flipped = reading.then(signs.reading(n))
+    turn = scorer.gravity_turn(flipped)
+    if turn is None:
+        return None
+    alone = reading.then(turned.candidate.reading(n))
+    both = flipped.then(TurnedBase(*turn).reading(n))
+    gain = scorer.evidence(both) - scorer.evidence(alone)
+    return _Finalist(signs, (), 0.0, gain) if gain > UNUSUAL else None
 
 
 def _choice_charges(candidates: list[Fault]) -> dict[_Kind, float]:

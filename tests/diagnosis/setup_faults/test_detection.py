@@ -172,6 +172,13 @@ def test_all_torques_turned_are_found_whatever_friction_the_data_sheet_claims(
     assert sum(p for other, p in found.others if other.name == "base_tilt") < 0.05
 
 
+@pytest.mark.parametrize("roll", daily((1.0, np.pi / 2, 2.5, np.pi), np.pi / 2))
+def test_all_torques_turned_are_found_on_a_base_that_is_turned(roll: float) -> None:
+    """Neither shows without the other: gravity is the same if both are the other way round."""
+    mounted = synthetic.case(Truth(tilt=(roll, 0.0)), seed=3)
+    assert found_in(SignFlip((1, 2, 3)), mounted).fault == SignFlip((1, 2, 3))
+
+
 @pytest.mark.parametrize("unit", daily((1e-3, 1e3), 1e-3))
 def test_a_unit_of_torque_is_a_power_of_ten(unit: float) -> None:
     """What friction or a load adds to the nominal torque is no part of the unit."""
