@@ -110,6 +110,15 @@ class SheetComparison(Document):
         return self.sheet_error <= WORSE * INERTIAL_ERROR
 
     @cached_property
+    def of_bodies(self) -> float:
+        """Share of what stays that errors of the bodies explain, if the data sheet is a bad one [1]."""
+        if self.has_good_sheet:
+            return 0.0
+        stays, beside = self.fitted.contrast.gap - self.fitted.torque, self.fitted.left
+        nrmse = self.searching.torque_nrmse
+        return 1.0 - float(rms(nrmse(beside), None) / rms(nrmse(stays), None))
+
+    @cached_property
     def named(self) -> tuple[str, ...]:
         """Findings that are more likely than not and close enough of held-out data to be seen."""
         # an arm cannot have what gives its bodies a negative energy
@@ -440,7 +449,17 @@ class SheetComparison(Document):
         said = misread(float(off), *gravity, another=another)
         # as a check says it of the same case
         factor = None if any(said) else common_factor(mounted)
-        return said if factor is None else another_scale(*factor)
+        if factor is not None:
+            return another_scale(*factor)
+        return said if any(said) or self.of_bodies < 0.5 else self.bad_sheet()
+
+    def bad_sheet(self) -> tuple[str, str]:
+        """That the bodies of the robot file are far off, and what to do."""
+        return (
+            f"the bodies of the robot file seem to be off by about {self.sheet_error:.0%} of their size, which would "
+            f"explain {self.of_bodies:.0%} of what stays and hides loads and changed links",
+            "identify the bodies (gapscope identify), or compare with a reference (diagnose --against)",
+        )
 
     def further(self) -> dict[str, Any]:
         """What further effects would have to be to show, sides of the sensors, and a controller that was told."""
@@ -464,17 +483,16 @@ class SheetComparison(Document):
         """What was noticed of the replay, of a controller that was told and of the robot file."""
         out = list(self.replayed.warnings)
         out += [] if self.told is None else self.told.sentences()
-        file, off = self.case.arm.urdf, self.sheet_error
+        file = self.case.arm.urdf
         odd = odd_kinds(file) if reached == "unexplained" else ""
         if odd:
             # what is wrong in the file need not be looked for in the recordings
             where = f"see gapscope audit {file.resolve()}"
             out.insert(0, f"in the robot file: {odd}; {where}")
-        if reached != "no_gap" and not self.has_good_sheet:
-            out.append(
-                f"the bodies of the robot file seem to be off by about {off:.0%} of their size, which hides loads and "
-                "changed links: identify them (gapscope identify), or compare with a reference (diagnose --against)"
-            )
+        # where it explains most of what stays it comes first
+        said = self.bad_sheet()
+        if not (self.has_good_sheet or reached == "no_gap" or self.doubt(reached) == said):
+            out.append("; ".join(said))
         return out
 
     def considered(self) -> list[dict[str, Any]]:
