@@ -827,6 +827,9 @@ class _Blocks:
                 # what stands between a column and its derivative are whole blocks
                 if n == known or order != blocks or (other[0] - one[0]) % n == 0:
                     sure = max(sure, -own)
+            # a torque may follow the speed of its joint: one column alone speaks for no other arm than the robot
+            if 0 < known <= self.count and n != known and sure <= 1:
+                sure = 0.0
             # of as many derivatives those of the robot's joints, else the widest block
             return sure, n == known, n
 
