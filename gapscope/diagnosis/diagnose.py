@@ -491,7 +491,9 @@ class SheetComparison(Document):
             out.insert(0, f"in the robot file: {odd}; {where}")
         # where it explains most of what stays it comes first
         said = self.bad_sheet()
-        if not (self.has_good_sheet or reached == "no_gap" or self.doubt(reached) == said):
+        if not (
+            self.has_good_sheet or reached == "no_gap" or self.doubt(reached) == said
+        ):
             out.append("; ".join(said))
         return out
 

@@ -124,8 +124,8 @@ def _wander_free(t: np.ndarray, count: np.ndarray) -> np.ndarray:
     return error - np.convolve(error, kernel, "same") / inside
 
 
-PLAUSIBLE_RATES = (10.0, 20_000.0)
-"""Sampling rates of robot logs [Hz]; below, no motion is resolved."""
+PLAUSIBLE_RATES = (8.0, 20_000.0)
+"""Sampling rates of robot logs [Hz], of loggers of 10 Hz that are late as well; below, no motion is resolved."""
 
 SHORTEST_LOG = 1.0
 """A log that lasts less holds no motion that can be diagnosed [s]."""

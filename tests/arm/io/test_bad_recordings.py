@@ -75,7 +75,7 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
     ("ms", times(3e3), "column t: looks like ms: taken as s the rate is 0.0333 Hz", "unit: ms"),
     ("us", times(3e6), "column t: looks like us:", "unit: us"),
     ("ns", times(3e9), "column t: looks like ns:", "unit: ns"),
-    ("slow", times(10.4), "column t: the rate is 9.62 Hz", "log at a higher rate"),
+    ("slow", times(14.0), "column t: the rate is 7.14 Hz", "log at a higher rate"),
     ("hours", times(1 / 3600), "column t: the rate is 3.6e+05 Hz", "correct the unit"),
     ("still time", times(0), "time stands still in all of its rows (50)", "longer"),
     (

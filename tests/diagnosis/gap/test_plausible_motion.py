@@ -120,7 +120,7 @@ def test_a_slow_log_is_not_taken_for_one_in_milliseconds(
 
 
 def test_a_rate_below_any_log_is_named_as_it_is() -> None:
-    with pytest.raises(GapscopeError, match="the rate is 5 Hz, expected 10 to 20000"):
+    with pytest.raises(GapscopeError, match="the rate is 5 Hz, expected 8 to 20000"):
         check_rates(case_of("case", ARM, recording(t=0.2 * np.arange(600))))
 
 
