@@ -116,7 +116,8 @@ class SheetComparison(Document):
             return 0.0
         stays, beside = self.fitted.contrast.gap - self.fitted.torque, self.fitted.left
         nrmse = self.searching.torque_nrmse
-        return 1.0 - float(rms(nrmse(beside), None) / rms(nrmse(stays), None))
+        share = 1.0 - float(rms(nrmse(beside), None) / rms(nrmse(stays), None))
+        return max(share, 0.0)
 
     @cached_property
     def named(self) -> tuple[str, ...]:
@@ -451,6 +452,7 @@ class SheetComparison(Document):
         factor = None if any(said) else common_factor(mounted)
         if factor is not None:
             return another_scale(*factor)
+        # first, if it is most of what stays
         return said if any(said) or self.of_bodies < 0.5 else self.bad_sheet()
 
     def bad_sheet(self) -> tuple[str, str]:
@@ -489,12 +491,8 @@ class SheetComparison(Document):
             # what is wrong in the file need not be looked for in the recordings
             where = f"see gapscope audit {file.resolve()}"
             out.insert(0, f"in the robot file: {odd}; {where}")
-        # where it explains most of what stays it comes first
-        said = self.bad_sheet()
-        if not (
-            self.has_good_sheet or reached == "no_gap" or self.doubt(reached) == said
-        ):
-            out.append("; ".join(said))
+        if reached != "no_gap" and not self.has_good_sheet:
+            out.append("; ".join(self.bad_sheet()))
         return out
 
     def considered(self) -> list[dict[str, Any]]:

@@ -297,7 +297,9 @@ class Document(Comparison):
         }
         content |= self._context(reached)
         if first and not prepared.another_arm:
-            content["warnings"].insert(0, f"{doubt}; {first}")
+            said = f"{doubt}; {first}"
+            others = [warning for warning in content["warnings"] if warning != said]
+            content["warnings"] = [said, *others]
         return with_slide_units(plain(content), self.declared.sliding)
 
     def diagnosis(self, progress: Progress = silent) -> Diagnosis:
