@@ -116,6 +116,17 @@ def test_blocks_are_told_by_their_values(
             np.testing.assert_allclose(read.t, moved["t"][:, 0], atol=1e-6)
 
 
+def test_a_torque_that_follows_its_joint_is_no_arm_of_one_joint(
+    arm: NominalArm, moved: dict[str, np.ndarray], tmp_path: Path
+) -> None:
+    """Viscous friction is all that one joint needs, and no velocity is in the log."""
+    tau = moved["tau"].copy()
+    tau[:, 4] = 1.7 * moved["dq"][:, 4]
+    table = np.hstack([moved["t"], moved["q"], tau])
+    found = inspected(written(tmp_path, table), arm)
+    assert taken(found) == in_a_row(("t", "q", "tau"))
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_one_joint_after_the_other(known, arm, moved, tmp_path):
     series = np.stack([moved[name] for name in ("q", "dq", "tau")], axis=2)
