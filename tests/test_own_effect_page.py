@@ -14,6 +14,9 @@ from pathlib import Path
 import pytest
 from own_effect_page import blocks, write_example
 
+# half a minute of commands; what they do with effects from files has tests of its own
+pytestmark = pytest.mark.nightly
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -52,7 +55,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.nightly
 def test_the_diagnosis_of_a_recording_finds_the_effect(folder: Path) -> None:
     document = json.loads((folder / "found/diagnosis.json").read_text())
     (found,) = document["effects"]
@@ -97,7 +99,6 @@ def test_several_files_are_given_one_after_the_other(folder: Path) -> None:
     assert (folder / "two.csv").read_text() != (folder / "predicted.csv").read_text()
 
 
-@pytest.mark.nightly
 def test_several_cases_are_diagnosed_with_it_in_processes_of_their_own(
     folder: Path,
 ) -> None:

@@ -385,6 +385,7 @@ OFFSET = Path(
     inverse=lambda needed, series, offset: needed - offset,
     applied=lambda recorded, series, offset: recorded + offset,
     place=4,
+    additive=True,
     varies_with="nothing",
     parametrisation=linear_in(OFFSET_TORQUE),
     severity=drawn(torque=Drawn(0.05, 0.3, of="torque", each=False, signed=True)),
@@ -414,6 +415,7 @@ RIPPLE = Path(
         recorded + ripple_torque(series.position, *values)
     ),
     place=5,
+    additive=True,
     parametrisation=Parametrisation(
         ripple_values, linear=2, nonlinear=("cycles",), grid=ripple_cycles
     ),

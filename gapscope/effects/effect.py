@@ -474,11 +474,13 @@ class Path(Effect):
         varies_with: on what ``applied`` depends besides the recorded torque of the moment: the position of the moment,
             or other times, through the series' methods. A simulator has a step for a delay and a lag
             (``quantities``), and for all that does not depend on time.
+        additive: whether its torque adds to all other, in proportion to its linear coordinates.
     """
 
     inverse: Law
     applied: Law
     place: int
+    additive: bool = False
     varies_with: Literal["nothing", "position", "time"] = "position"
     side: Side = "actuator"
     reach: Reach = "joint"

@@ -10,7 +10,7 @@ and theta_b what each motion b has of its own (form error).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -25,7 +25,9 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import (
     DryLaw,
     External,
+    Inertial,
     LinkChange,
+    Path,
     TorqueLaw,
     Transmission,
 )
@@ -178,11 +180,18 @@ class Design:
         out = np.zeros_like(self.gap)
         if term not in self.places:
             return out
-        own = self.places[term]
-        for j, (x, active) in enumerate(zip(self.columns, self.active, strict=True)):
-            mine = np.isin(own, active)
-            at = np.searchsorted(active, own[mine])
-            out[:, j] = x[:, at] @ (value * self.units[term])[mine]
+        scaled = value * self.units[term]
+        for j, x in enumerate(self.columns):
+            at = self._among[j][self.places[term]]
+            out[:, j] = x[:, at[at >= 0]] @ scaled[at >= 0]
+        return out
+
+    @cached_property
+    def _among(self) -> list[np.ndarray]:
+        """Per joint where each column stands among its own; -1 of one that it has not, (P,)."""
+        out = [np.full(self.size, -1) for _ in self.active]
+        for among, active in zip(out, self.active, strict=True):
+            among[active] = np.arange(len(active))
         return out
 
 
@@ -216,8 +225,12 @@ def about(
         candidate, on the rows of its groups, in the units of the design, (M, linear).
     """
     rows, terms = made.rows, made.terms
-    # a limit acts on the recorded torque: its columns are the same about any arm
-    moved = {one: x for one, x in values.items() if moves_columns(one.term)}
+    # all other columns are the same about any values
+    moved = {
+        one: x
+        for one, x in values.items()
+        if bends(one.term) or _is_carried(one.term, values)
+    }
     gap = made.gap.copy()
     columns_of = {
         one: [np.zeros((len(gap), len(x))) for _ in made.active]
@@ -267,17 +280,31 @@ def about(
     return gap, columns_of
 
 
-def moves_columns(term: Term) -> bool:
-    """Whether the columns of a term change with its values: not those of a limit."""
-    return not term.definition.limits
-
-
 def bends(term: Term) -> bool:
-    """Whether what a term does is not its columns times its values: not that of a torque which the motion tells."""
+    """Whether what a term does is not its columns times its values, or changes what others on its joint do."""
     effect = term.definition
     if isinstance(effect, TorqueLaw):
         return isinstance(effect, DryLaw) and effect.varies_with == "load"
-    return moves_columns(term)
+    if isinstance(effect, Path):
+        # a limit acts on the recorded torque, whatever the arm has
+        return not (effect.additive or effect.limits)
+    # a rotor needs torque for the motion that it is seen to make
+    return not (isinstance(effect, Inertial) and effect.reach != "arm")
+
+
+def _is_carried(term: Term, others: Iterable[Candidate]) -> bool:
+    """Whether a term acts on a joint whose motion or torque other terms change on their way to the recorded one."""
+    effect = term.definition
+    if effect.limits:
+        return False
+    return any(
+        # a motor may turn any joint
+        (other.term.joint == term.joint or effect.reach == "motor")
+        and bends(other.term)
+        # forces on the bodies change nothing between them and the motors
+        and not isinstance(other.term.definition, (Inertial, External))
+        for other in others
+    )
 
 
 def lasts(term: Term) -> bool:

@@ -251,6 +251,12 @@ def foreign() -> Case:
     return replace(case, arm=NominalArm("other", urdf, case.arm.joints))
 
 
+def test_another_robot_is_not_identified() -> None:
+    with pytest.raises(InputError, match="probably another robot"):
+        gapscope.identify(foreign())
+
+
+@pytest.mark.nightly
 def test_another_robot_is_said_and_nothing_is_found_of_it() -> None:
     result = diagnose(foreign())
     document = result.document
@@ -258,8 +264,6 @@ def test_another_robot_is_said_and_nothing_is_found_of_it() -> None:
     assert verdict_sentence(document).startswith("Probably another robot")
     assert document["verdict"] == "unexplained" and result.faults == ()
     assert not document["effects"] + document["possible"] + document["changes"]
-    with pytest.raises(InputError, match="probably another robot"):
-        gapscope.identify(foreign())
 
 
 def test_an_arm_that_its_data_sheet_makes_unlikely_is_no_other_robot() -> None:

@@ -127,11 +127,11 @@ def test_encoder_that_slips_is_named_by_its_reading(at_work: Any, hear: Hear) ->
 
 
 def test_a_count_of_a_fine_encoder_at_rest_is_no_slip(at_work: Any, hear: Hear) -> None:
-    recording = at_work.recording(62.0)
-    q, rests = recording.q.copy(), (recording.t > 42.0) & (recording.t < 52.0)
+    recording = at_work.recording(52.0)
+    q, rests = recording.q.copy(), (recording.t > 42.0) & (recording.t < 48.0)
     # at rest but for one count
-    q[rests, 1] = q[rests, 1][0] + 3e-7 * (recording.t[rests] > 47.0)
-    late = recording.t >= 52.0
+    q[rests, 1] = q[rests, 1][0] + 3e-7 * (recording.t[rests] > 45.0)
+    late = recording.t >= 48.0
     q[late, 1] += q[rests, 1][-1] - q[late, 1][0]
     found = hear(replace(recording, q=q))
     assert not [e for e in found if e.effect == "encoder_offset"]

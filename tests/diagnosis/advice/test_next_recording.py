@@ -73,7 +73,7 @@ def document(effect: AppliedEffect, rival: str, **more: Any) -> dict[str, Any]:
 
 
 def advised(case: Case, effect: AppliedEffect, rival: str, **request: Any) -> Advice:
-    asked = AdviceRequest(LIMITS, evaluations=150, seed=0, **request)
+    asked = AdviceRequest(LIMITS, evaluations=30, seed=0, **request)
     return advise(case, document(effect, rival), (effect,), asked)
 
 
