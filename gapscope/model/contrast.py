@@ -349,11 +349,11 @@ class Contrast:
             scaled = known.unit[:, None] * rest.reshape(len(rest), -1)
             beside = forward(known.lower, scaled).reshape(rest.shape)
             known.back = np.concatenate([first, beside])
+        some = np.ix_(groups, columns)
         if known.back is not None:
-            return known.back[:, groups][:, :, columns].sum(axis=1)
+            return known.back[(slice(None), *some)].sum(axis=1)
         # for a few columns it is not worth solving for all of them
-        first = first[:, groups][:, :, columns].sum(axis=1)
-        rest = rest[:, groups][:, :, columns].sum(axis=1)
+        first, rest = (x[(slice(None), *some)].sum(axis=1) for x in (first, rest))
         beside = forward(known.lower, known.unit[:, None] * rest)
         return np.concatenate([first, beside])
 
@@ -1060,9 +1060,15 @@ def of_widths(
         gram, right: information on the coordinates, (..., k, k) and (..., k).
         widths: prior deviations of each size, (Z, ..., k).
     """
-    normal = gram * widths[..., None] * widths[..., None, :] + np.eye(right.shape[-1])
-    inverse = np.linalg.inv(normal)
     scaled = right * widths
-    solved = (inverse @ scaled[..., None])[..., 0]
-    evidence = (scaled * solved).sum(axis=-1) - np.linalg.slogdet(normal)[1]
+    if right.shape[-1] == 1:
+        # most have one coordinate: numbers, and no matrices
+        inverse = 1.0 / (gram * widths[..., None] ** 2 + 1.0)
+        solved, spread = inverse[..., 0] * scaled, -np.log(inverse[..., 0, 0])
+    else:
+        normal = gram * widths[..., None] * widths[..., None, :]
+        normal += np.eye(right.shape[-1])
+        inverse, spread = np.linalg.inv(normal), np.linalg.slogdet(normal)[1]
+        solved = (inverse @ scaled[..., None])[..., 0]
+    evidence = (scaled * solved).sum(axis=-1) - spread
     return evidence / 2, solved, inverse
