@@ -32,6 +32,7 @@ from gapscope.blind_check.generator.recorded import (
 )
 from gapscope.blind_check.scoring import VECTORS
 from gapscope.diagnosis.document.numbers import number_rows, place_text
+from gapscope.diagnosis.document.wording import acts_on, called
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
@@ -194,7 +195,7 @@ def rehearse(
         **arm_entry(loaded.arm),
         "seed": seed,
         "summary": sentence(rows),
-        "as_is": list(_named(baseline).values()),
+        "as_is": [f"{called(one)}, {acts_on(one)}" for one in baseline["effects"]],
         "rows": rows,
         KEY: made_from(loaded),
     }

@@ -189,7 +189,7 @@ class SheetSearch(Search):
         # a round: the search beside noise and form error that leave out what is known
         for number in range(2 * ROUNDS):
             fit = self._beside(known, torque)
-            if fit.mine:
+            if set(fit.mine) - set(known):
                 self.progress(f"finds {_described(fit)}")
             # simulations are costly: compliance is asked once of each set
             stiff, self._stiff = self._stiff, self._stiff | {frozenset(fit.mine)}
