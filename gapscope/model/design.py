@@ -10,7 +10,7 @@ and theta_b what each motion b has of its own (form error).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -225,12 +225,7 @@ def about(
         candidate, on the rows of its groups, in the units of the design, (M, linear).
     """
     rows, terms = made.rows, made.terms
-    # all other columns are the same about any values
-    moved = {
-        one: x
-        for one, x in values.items()
-        if bends(one.term) or _is_carried(one.term, values)
-    }
+    moved = moving(values)
     gap = made.gap.copy()
     columns_of = {
         one: [np.zeros((len(gap), len(x))) for _ in made.active]
@@ -292,19 +287,25 @@ def bends(term: Term) -> bool:
     return not (isinstance(effect, Inertial) and effect.reach != "arm")
 
 
-def _is_carried(term: Term, others: Iterable[Candidate]) -> bool:
-    """Whether a term acts on a joint whose motion or torque other terms change on their way to the recorded one."""
-    effect = term.definition
-    if effect.limits:
-        return False
-    return any(
+def moving(values: Mapping[Candidate, np.ndarray]) -> dict[Candidate, np.ndarray]:
+    """Those of some values about which columns are others: all else adds to them, whatever it is."""
+    bent = [one.term for one in values if bends(one.term)]
+    # forces on the bodies change nothing between them and the motors
+    passed = [t for t in bent if not isinstance(t.definition, (Inertial, External))]
+    joints = {term.joint for term in passed}
+
+    def is_carried(term: Term) -> bool:
+        """Whether a term acts on a joint whose motion or torque others change on their way to the recorded one."""
+        if term.definition.limits:
+            return False
         # a motor may turn any joint
-        (other.term.joint == term.joint or effect.reach == "motor")
-        and bends(other.term)
-        # forces on the bodies change nothing between them and the motors
-        and not isinstance(other.term.definition, (Inertial, External))
-        for other in others
-    )
+        return (
+            bool(passed) if term.definition.reach == "motor" else term.joint in joints
+        )
+
+    return {
+        one: x for one, x in values.items() if one.term in bent or is_carried(one.term)
+    }
 
 
 def lasts(term: Term) -> bool:

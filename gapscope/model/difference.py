@@ -34,12 +34,12 @@ from gapscope.model.design import (
     Design,
     FreeArm,
     about,
-    bends,
     design,
     is_day_friction,
     is_link_change,
     lasts,
     moved,
+    moving,
     possible,
 )
 from gapscope.model.equations import (
@@ -660,9 +660,10 @@ class Search:
                 for one in chosen
                 if not one.everybody
             }
+            moves = moving(start)
             # how far the moments of a load may go follows from its mass a round before
             asked, columns_of = contrast.further(self._extents(start)), None
-            if any(bends(one.term) for one in start):
+            if moves:
                 # two loads may differ by what is no body: that has no centre to be linear about
                 bodies = {
                     one: x
@@ -677,9 +678,9 @@ class Search:
                     asked, columns_of = asked.for_gap(gap), columns
             own = OwnTerms(asked, self.sets, columns_of, self.sizes)
             fit = self._weighed(asked, own, chosen, grown)
-            before, values = start, fit.values
-            # nothing depended on the values: another round would say the same
-            if not can_be or asked is contrast or _settled(values, before):
+            values = fit.values
+            # another round would say the same
+            if not can_be or _settled(values, moves):
                 break
         fit = self._counted(fit)
         if not can_be:
@@ -1096,7 +1097,7 @@ def is_within(term: Term, value: np.ndarray, std: np.ndarray | float) -> bool:
 def _settled(
     now: Mapping[Candidate, np.ndarray], before: Mapping[Candidate, np.ndarray]
 ) -> bool:
-    return set(now) == set(before) and all(
-        np.abs(value - before[one]).max() <= SETTLED * np.abs(value).max()
-        for one, value in now.items()
+    return all(
+        np.abs(now[one] - value).max() <= SETTLED * np.abs(now[one]).max()
+        for one, value in before.items()
     )
