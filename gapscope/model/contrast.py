@@ -349,11 +349,11 @@ class Contrast:
             scaled = known.unit[:, None] * rest.reshape(len(rest), -1)
             beside = forward(known.lower, scaled).reshape(rest.shape)
             known.back = np.concatenate([first, beside])
-        some = np.ix_(groups, columns)
+        some = np.array(groups)[:, None]
         if known.back is not None:
-            return known.back[(slice(None), *some)].sum(axis=1)
+            return known.back[:, some, columns].sum(axis=1)
         # for a few columns it is not worth solving for all of them
-        first, rest = (x[(slice(None), *some)].sum(axis=1) for x in (first, rest))
+        first, rest = (x[:, some, columns].sum(axis=1) for x in (first, rest))
         beside = forward(known.lower, known.unit[:, None] * rest)
         return np.concatenate([first, beside])
 
@@ -500,8 +500,8 @@ class Contrast:
         # columns made of the recorded torque share its noise with any gap of it
         self.equations.take_noise(j, rows, right)
         cell = replace(one.cell, right=right, power=float(gap[rows] @ gap[rows]))
-        own = one.size * right[one.free] / self.error.noise2[j]
-        return replace(one, cell=cell, right=forward(one.factor, own))
+        own = one.inner(right) / self.error.noise2[j]
+        return replace(one, cell=cell, right=own)
 
     def beside(self, columns: Sequence[np.ndarray]) -> Beside:
         """What K further columns have in common with all else.
@@ -548,7 +548,7 @@ class Contrast:
                     continue
                 # X^T X beta by the root of the products: the rows are not needed
                 of_all = cell.root.T @ (cell.root @ beta)
-                left = (cell.right - of_all)[one.free] * one.size / noise2
+                left = one.of_own(cell.right - of_all) / noise2
                 gains = _of_sizes(one.root_of_own, left, noise2, tried)
                 for growth, gain in zip(growths, gains[1:] - gains[0], strict=True):
                     out[j, cell.motion, growth] = float(gain)

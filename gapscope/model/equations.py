@@ -157,19 +157,21 @@ def whitened(cell: Cell, own2: np.ndarray, noise2: float) -> np.ndarray:
 class Eliminated:
     """One motion of a group on one joint, what it has of its own eliminated.
 
+    Of k columns of which it has values of its own, over their deviations, r rows tell d = min(k, r) combinations.
+
     Attributes:
         cell: the motion.
-        free: places of the columns of which it has values of its own, among the joint's.
-        size: their deviations.
-        factor: L with L L^T = I + the information on them in units of their deviations.
-        cross: L^-1 times their products with all columns, (k, p).
-        right: L^-1 times their products with the gap, (k,).
+        free: places of these columns among the joint's, (k,).
+        basis: the combinations that its rows tell, times the deviations, (k, d).
+        factor: L with L L^T = I + the information on them, (d, d).
+        cross: L^-1 times their products with all columns, (d, p).
+        right: L^-1 times their products with the gap, (d,).
         noise2: variance of the noise.
     """
 
     cell: Cell
     free: np.ndarray
-    size: np.ndarray
+    basis: np.ndarray
     factor: np.ndarray
     cross: np.ndarray
     right: np.ndarray
@@ -177,9 +179,10 @@ class Eliminated:
 
     @property
     def root_of_own(self) -> np.ndarray:
-        """Rows with the products of the columns of its own, in units of their deviations, (min(r, k), k)."""
-        own = self.cell.root[:, self.free] * self.size
-        return own if len(own) <= len(self.free) else np.asarray(np.linalg.qr(own, "r"))
+        """Rows with the products of the combinations of its own, (d, d)."""
+        own = self.cell.root[:, self.free] @ self.basis
+        square = len(own) == own.shape[1]
+        return own if square else np.asarray(np.linalg.qr(own, mode="r"))
 
     @property
     def information(self) -> np.ndarray:
@@ -191,20 +194,28 @@ class Eliminated:
         """Its right side, (p,)."""
         return self.cell.right / self.noise2 - self.cross.T @ self.right
 
+    def of_own(self, products: np.ndarray) -> np.ndarray:
+        """Products of the combinations of its own, (d, ...), from those of all columns, (p, ...)."""
+        return self.basis.T @ products[self.free]
+
     def inner(self, products: np.ndarray) -> np.ndarray:
         """L^-1 times the products of the own values with further columns, of all columns' products (p, K)."""
-        return forward(self.factor, self.size[:, None] * products[self.free])
+        return forward(self.factor, self.of_own(products))
 
 
 def eliminated(cell: Cell, own2: np.ndarray, noise2: float) -> Eliminated:
     """Eliminate what a motion has of its own, of variance ``own2``, (p,)."""
     free = np.flatnonzero(own2 > 0)
     size = np.sqrt(own2[free])
-    own = cell.root[:, free] * size
+    own, basis = cell.root[:, free] * size, np.diag(size)
+    if len(own) < len(size):
+        # of motions of few rows few combinations: X = R^T Q^T, and what is orthogonal to Q no row tells
+        turned, triangle = np.linalg.qr(own.T)
+        own, basis = triangle.T, size[:, None] * turned
     factor = lower(own.T @ own / noise2)
     cross = forward(factor, own.T @ cell.root / noise2)
-    right = forward(factor, size * cell.right[free] / noise2)
-    return Eliminated(cell, free, size, factor, cross, right, noise2)
+    right = forward(factor, basis.T @ cell.right[free] / noise2)
+    return Eliminated(cell, free, basis, factor, cross, right, noise2)
 
 
 # Form error and noise, learnt from data in which nothing changed.
