@@ -29,6 +29,7 @@ from gapscope.effects.parametrisation import JointSeries
 from gapscope.model.conditioning import low_pass
 from gapscope.model.contrast import SIZES, OwnTerms, of_widths
 from gapscope.model.design import MIN_TORQUE, FreeArm
+from gapscope.model.jacobian import MAX_NUMBERS
 from gapscope.model.rows import DecimatedSegments, Rows
 from gapscope.model.terms import Candidate, Term, Terms
 
@@ -244,7 +245,8 @@ class Scanner:
             alone: without what an arm's effects change, which is not a number: torque, friction and, as a zero that is
                 off shifts the phase of what acts on the way to the joint and more of other laws, the position of those.
         """
-        effect, j, rows, parts = term.definition, term.joint - 1, self.rows, []
+        effect, j, rows = term.definition, term.joint - 1, self.rows
+        parts: list[list[np.ndarray]] = [[] for _ in rows.segments]
         # what acts on the way to the joint shows on all rows
         sparse = alone and isinstance(effect, Path) and not effect.limits
         for k, segment in enumerate(rows.segments):
@@ -264,18 +266,21 @@ class Scanner:
                 signals = signals._replace(load=unknown, friction=unknown)
                 if not isinstance(effect, Path):
                     signals = signals._replace(position=unknown)
-            own = unit_columns(effect, values, signals)
-            if alone and not np.isfinite(own).all():
-                return np.full((1, 1), np.nan)
-            if sparse:
-                kept = low_pass(own, rate / stride, rows.cutoff)
-                taken = np.arange(len(motion.t))[rows.taken(segment)] / stride
-                places = np.minimum(np.round(taken).astype(int), len(kept) - 1)
-                # single precision halves the memory of many columns
-                parts.append(kept[places].astype(np.float32))
-            else:
-                parts.append(rows.thin(own, segment))
-        return np.concatenate(parts)
+            # as many at once as memory allows
+            count = len(signals.t) * len(values) * len(term.columns)
+            for some in np.array_split(values, -(-count // MAX_NUMBERS)):
+                own = unit_columns(effect, some, signals)
+                if alone and not np.isfinite(own).all():
+                    return np.full((1, 1), np.nan)
+                if sparse:
+                    kept = low_pass(own, rate / stride, rows.cutoff)
+                    taken = np.arange(len(motion.t))[rows.taken(segment)] / stride
+                    places = np.minimum(np.round(taken).astype(int), len(kept) - 1)
+                    # single precision halves the memory of many columns
+                    parts[k].append(kept[places].astype(np.float32))
+                else:
+                    parts[k].append(rows.thin(own, segment))
+        return np.concatenate([np.hstack(own) for own in parts])
 
     def _gains(
         self,

@@ -16,7 +16,7 @@ MOTION_BYTES = 7 * 1001 * 8
 
 @pytest.mark.nightly
 def test_motions_of_past_episodes_are_forgotten() -> None:
-    """Of each at least its torque was once kept, in one cache per environment, up to 256 MB."""
+    """Of each at least its torque was once kept, in one cache per environment, up to 64 MB."""
     env = ArmTracking(engine="mujoco", episode_length=1.0, motion="fourier")
     tracemalloc.start()
     try:

@@ -158,7 +158,7 @@ def test_change_without_a_name_is_a_misfit_and_no_alarm(
 def test_memory_does_not_grow_with_the_stream(
     at_work: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """But for results that are kept for whoever asks again: these grow up to a bound of their own, of 256 MiB."""
+    """But for results that are kept for whoever asks again: these grow up to a bound of their own, of 64 MiB."""
     monkeypatch.setattr(
         ArrayCache, "get", lambda self, name, arguments, compute: compute()
     )

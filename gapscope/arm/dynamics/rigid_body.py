@@ -26,7 +26,7 @@ from gapscope.arm.nominal import LARGEST, NominalArm
 # Results of recent calls, kept while they fit.
 
 
-MAX_BYTES = 2**28
+MAX_BYTES = 2**26
 """Results are kept up to this size in all [bytes]."""
 
 Arrays = tuple[np.ndarray, ...]
