@@ -363,8 +363,8 @@ class SheetComparison(Document):
         return replay_gap(self.case, recording, self.effects_without(part))
 
     def _last_part(self) -> tuple[Recording, HeldOut]:
-        """The last recording, or the last part of a single one."""
-        # parts come in the order of time: the last is the end of the recordings
+        """The liveliest recording, or the last part of a single one."""
+        # parts come from the calmest recording on, and of each in the order of time
         *_, part = held_out(self.fitted, self.group, self.of(self.named))
         fitted = [r for r in self.case.recordings if r.tau is not None]
         last = self.rows.segments[self.rows.segment[part.rows][-1]].recording
