@@ -179,6 +179,14 @@ def test_a_cycle_in_one_recording_is_one_motion():
     assert len(np.unique(rows.motion)) == MIN_MOTIONS
 
 
+def test_motions_are_the_same_in_whatever_order_recordings_are_listed() -> None:
+    listed = list(day(HEALTHY, 1))
+    one, other = Rows.recorded([listed]), Rows.recorded([listed[::-1]])
+    for k in range(len(listed)):
+        mine = one.motion[one.recording == k]
+        assert np.array_equal(mine, other.motion[other.recording == 2 - k])
+
+
 # What changes during a recording, and when, on a three-joint arm that is believed with a poor URDF.
 
 
