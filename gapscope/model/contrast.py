@@ -500,8 +500,7 @@ class Contrast:
         # columns made of the recorded torque share its noise with any gap of it
         self.equations.take_noise(j, rows, right)
         cell = replace(one.cell, right=right, power=float(gap[rows] @ gap[rows]))
-        own = one.inner(right) / self.error.noise2[j]
-        return replace(one, cell=cell, right=own)
+        return replace(one, cell=cell, right=one.inner(right) / one.noise2)
 
     def beside(self, columns: Sequence[np.ndarray]) -> Beside:
         """What K further columns have in common with all else.

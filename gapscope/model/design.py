@@ -181,9 +181,16 @@ class Design:
         if term not in self.places:
             return out
         scaled = value * self.units[term]
-        for j, x in enumerate(self.columns):
+        for j in range(out.shape[1]):
+            out[:, j] = self.of_term(term, j) @ scaled
+        return out
+
+    def of_term(self, term: Term, j: int) -> np.ndarray:
+        """Columns of a term on a joint from 0, (M, linear); zero where it does nothing that the rows show."""
+        out = np.zeros((len(self.gap), len(term.columns)))
+        if term in self.places:
             at = self._among[j][self.places[term]]
-            out[:, j] = x[:, at[at >= 0]] @ scaled[at >= 0]
+            out[:, at >= 0] = self.columns[j][:, at[at >= 0]]
         return out
 
     @cached_property

@@ -308,10 +308,15 @@ class Rivals:
         }
         gap, columns_of = about(made, self.arm, lasting)
         places_of = dict(zip(fit.values, _split(fit, known.size), strict=True))
-        own = [places_of[one] for one in columns_of]
+        own = [places_of[one] for one in lasting]
         rows, slopes = [], []
         for j, (factor, active) in enumerate(zip(factors, made.active, strict=True)):
-            x = [made.columns[j], *(columns[j] for columns in columns_of.values())]
+            # those that others do not move are the design's
+            moved = [
+                columns_of[one][j] if one in columns_of else made.of_term(one.term, j)
+                for one in lasting
+            ]
+            x = [made.columns[j], *moved]
             at = np.concatenate([place_of[active], *own])
             left = gap[:, j] - np.hstack(x) @ value[at]
             rows.append(forward(factor, left))

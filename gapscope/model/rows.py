@@ -393,11 +393,10 @@ class Rows(DecimatedSegments):
         speed = state[:, self.position.shape[1] :]
         total = np.bincount(self.recording, (speed**2).sum(axis=1))
         lively = total / np.maximum(np.bincount(self.recording), 1)
-        place = np.argsort(np.argsort(lively))[self.recording]
         # groups share no motion, nor does what is set aside with what teaches
         for kind in np.unique(kinds, axis=0):
             rows = np.flatnonzero((kinds == kind).all(axis=1))
-            rows = rows[np.argsort(place[rows], kind="stable")]
+            rows = rows[np.argsort(lively[self.recording[rows]], kind="stable")]
             # segments by numbers that rise with that
             begins = np.diff(self.segment[rows], prepend=-1) != 0
             segment = np.cumsum(begins)

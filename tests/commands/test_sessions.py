@@ -24,7 +24,6 @@ PAGE = Path(__file__).parents[2] / "docs" / "first_log.md"
 
 
 @pytest.mark.slow
-@pytest.mark.nightly  # the second Python runs it every day
 def test_demo(
     gapscope: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

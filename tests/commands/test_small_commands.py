@@ -23,9 +23,11 @@ QUICK = ("--evaluations", 30, "--seed", 1, "--no-collisions", "--singular", 0)
 def test_an_open_question_gets_a_recording(
     gapscope: Command, sick: Path, open_question: Path, tmp_path: Path
 ) -> None:
-    more = ("--diagnosis", open_question, "--out", tmp_path / "b.csv")
-    done = gapscope("advise", sick, *more, *QUICK)
-    assert done.code == 0, done.err
+    """The same seed finds the same trajectory."""
+    for name in ("a", "b"):
+        more = ("--diagnosis", open_question, "--out", tmp_path / f"{name}.csv")
+        done = gapscope("advise", sick, *more, *QUICK)
+        assert done.code == 0, done.err
     endings = (".csv", ".yaml", ".html", "_slow.csv", "_slow.yaml")
     names = [tmp_path / f"b{ending}" for ending in endings]
     assert done.out.splitlines()[-5:] == [f"wrote {path}" for path in names]
@@ -35,6 +37,7 @@ def test_an_open_question_gets_a_recording(
     assert "the new recording is expected to give an evidence of" in done.said
     assert "least margin to each limit" in done.out
     assert read_sampled(names[0], 2).duration >= 10.0
+    assert names[0].read_bytes() == (tmp_path / "a.csv").read_bytes()
 
 
 def test_nothing_open_is_said_and_nothing_written(

@@ -90,7 +90,7 @@ def _columns(
         whole = np.zeros((len(x), made.size))
         whole[:, active] = x
         own = [
-            moved[one][j] if one in moved else whole[:, made.places[one.term]]
+            moved[one][j] if one in moved else made.of_term(one.term, j)
             for one in values
         ]
         out.append(np.hstack([*own, whole[:, :bodies]]))

@@ -117,7 +117,8 @@ def rubbing() -> Case:
 def test_coulomb_at_one_load_leads_to_a_motion_over_many_loads() -> None:
     advice = advised(rubbing(), COULOMB, "load_friction")
     [pair] = advice.pairs
-    assert pair.evidence > 50 and pair.joint == 2
+    # ten times as much if one predicts without its friction
+    assert 50 < pair.evidence < 500 and pair.joint == 2
     [found], [rival] = advice.hypotheses
     assert rival.name == "load_friction"
     assert found.parameters["torque"][0] == pytest.approx(2.0, rel=0.05)
