@@ -3,7 +3,8 @@
 Arms are those of the blind check's generator, another simulator with other laws of friction, vendor inertials 5 % off:
 a load is picked up, friction of a joint rises, an encoder slips, or a torque constant falls, at a random moment of one
 recording; and the same arms without change. Rises of friction are parted at ``SMALL`` of the joint's torque. Then real
-arms as they were recorded. ``--healthy`` runs the arms without change alone.
+arms as they were recorded, and with a change that the real benchmark's laws put into their longest recording, a push of
+a few seconds among them. ``--healthy`` runs the arms without change alone.
 
 Each case is a file in ``--out``, so that a run goes on where one before it ended; every arm has all kinds before the
 next size of any. ``--table`` prints what is there.
@@ -12,6 +13,7 @@ next size of any. ``--table`` prints what is there.
 from __future__ import annotations
 
 import argparse
+import itertools
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -21,8 +23,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import CASES, command_line, markdown, run_missing, share_text
+from common import command_line, markdown, run_missing, share_text
 from generator_arms import recorded, write_side
+from real_carriers import ARMS, left, load_carrier, model_residual, prepare_arm
+from real_cases import draw
+from real_laws import Scene
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import ModelWarning
@@ -40,15 +45,6 @@ from gapscope.model.changes import (
     changes_of,
 )
 
-REAL = (
-    "staubli_tx40",
-    "ur10",
-    "kinova_gen3_current",
-    "kinova_gen3_sensor",
-    "panda",
-    "kuka_med7",
-    "unitree_z1",
-)
 LOADS = (0.1, 0.3, 0.7)
 """Loads picked up, over the largest that the arm carries [1]."""
 RISES = (0.3, 0.6, 1.0)
@@ -57,6 +53,8 @@ SLIPS = (1.0, 2.0, 5.0)
 """An encoder slips by so much [degrees]."""
 FALLS = (0.1, 0.15, 0.2)
 """A torque constant falls by this share [1]."""
+TIMES = (4.0, 8.0)
+"""RMS of a change on a real arm over what a full model leaves of it [1]."""
 SMALL = 0.03
 """Rises of friction below this share of the joint's RMS torque are counted by themselves [1]."""
 SOON = 0.5
@@ -119,8 +117,12 @@ class Outcome:
         found = self.hit["parameters"].get(self.truth.parameter)
         if found is None:
             return 1.0, np.inf
-        error = float(np.ravel(found["value"])[0]) - self.truth.size
-        std = float(np.ravel(found["std"])[0])
+        value, std = (np.ravel(found[key]) for key in ("value", "std"))
+        # of a force how large it is
+        if len(value) > 1:
+            size = np.linalg.norm(value)
+            value, std = [size], [np.linalg.norm(value * std) / size]
+        error, std = float(value[0]) - self.truth.size, float(std[0])
         return abs(error / self.truth.size), abs(error) / max(std, 1e-12)
 
     @property
@@ -270,10 +272,55 @@ KINDS = {
 # Real arms
 
 
-def as_recorded(name: str) -> Outcome:
-    """A real arm as it was recorded."""
-    case = load_case(CASES / f"{name}.yaml", any_unit=True)
-    return looked(case, f"real, {name}", "as recorded")
+FORCE = "external_force"
+PUT_IN = {
+    "payload": (PAYLOAD, "mass", "mass"),
+    "coulomb_friction": (PLAIN_FRICTION, "torque", "coulomb"),
+    "encoder_offset": ("encoder_offset", "offset", "offset"),
+    "torque_scale": ("torque_scale", "scale", "scale"),
+    FORCE: (FORCE, "force", "force"),
+}
+"""What a law puts in as a diagnosis calls it, its size in the law's values, and the parameter that is judged."""
+
+
+def carried(arm: str, law: str, times: float, out: Path) -> Outcome | None:
+    """A real arm with a change in its longest recording, or as it was recorded; ``None`` if no size is possible."""
+    folder = out / "carriers"
+    carrier = load_carrier(arm, folder / "carriers" / arm)
+    if not law:
+        return looked(carrier, f"real, {arm}", "as recorded")
+    prepare_arm(arm, folder)
+    whole = load_case(folder / "carriers" / arm / "whole")
+    longest = max(carrier.recordings, key=lambda r: r.duration)
+    residual = np.maximum(model_residual(carrier), left(whole))
+    scene = Scene(longest, carrier.arm, whole.arm, residual)
+    rng = np.random.default_rng([27, *f"{arm} {law} {times:g}".encode()])
+    drawn = (draw(scene, law, times, rng) for _ in range(TRIES))
+    # a change on two joints at once is two changes
+    one = next((x for x in drawn if x is not None and len(x.joints) < 2), None)
+    if one is None:
+        return None
+    changed, values = one.applied(scene, longest)
+    moment = float(longest.t[0] + rng.uniform(0.3, 0.7) * longest.duration)
+    if law == FORCE:
+        # begins and ends by itself
+        moment = values["start"]
+    else:
+        before = longest.t < moment
+        for name in ("q", "dq", "tau", "tau_sensor"):
+            series = getattr(changed, name)
+            if series is not None:
+                series = np.where(before[:, None], getattr(longest, name), series)
+                changed = replace(changed, **{name: series})
+    what, named, parameter = PUT_IN[law]
+    value = np.ravel(values[named])
+    size = float(value[0] if len(value) == 1 else np.linalg.norm(value))
+    joints = (one.joints + 1).tolist()
+    label = f"{times:g} times what a full model leaves"
+    truth = Truth(what, joints, parameter, label, longest.name, moment, size)
+    recordings = tuple(changed if r is longest else r for r in carrier.recordings)
+    case = replace(carrier, recordings=recordings)
+    return looked(case, f"real arms, {law}", label, truth)
 
 
 HEAD = ("change", "cases", "named", "and where", "and when", "false", "moment")
@@ -330,7 +377,10 @@ def main() -> None:
     seeds = range(options.first, options.first + options.arms)
     looks = dict(generated(seeds, options))
     if not options.no_real:
-        looks |= {f"{x}_as_recorded": partial(as_recorded, x) for x in REAL}
+        changes = [("", 0.0), *itertools.product(PUT_IN, TIMES)]
+        for arm, (law, times) in itertools.product(ARMS, changes):
+            name = f"{arm}_{law}_{times:g}" if law else f"{arm}_as_recorded"
+            looks[name] = partial(carried, arm, law, times, options.out)
     files = {options.out / f"{name}.json": look for name, look in looks.items()}
     if options.table:
         files = {file: look for file, look in files.items() if file.is_file()}

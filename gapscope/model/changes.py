@@ -48,6 +48,7 @@ from gapscope.model.difference import (
     Search,
     in_a_row,
 )
+from gapscope.model.effective_samples import variance_inflation
 from gapscope.model.equations import Equations, FormError, noise_of_motions
 from gapscope.model.nonlinear_values import WINDOW_EDGES, Found
 from gapscope.model.rows import MIN_MOTIONS, Rows, comparable
@@ -334,7 +335,7 @@ class _Spans:
         moved = made.torque(one.term, values[one])
         # as if the candidate were not there
         without = left + moved * np.isin(rows.group, one.groups or ())[:, None]
-        variance = fit.contrast.error.noise2 + (left**2).mean(axis=0)
+        variance = _variance_by_row(fit)
         ends = self.ends[number]
         k = int(np.argmin(np.abs(ends - time)))
         # the two spans about this end alone: at others something else may change
@@ -774,10 +775,12 @@ def _gradual(
     fit = found.fit
     made, left = fit.contrast.design, fit.left
     rows, mine = made.rows, made.rows.recording == number
-    variance = fit.contrast.error.noise2 + (left**2).mean(axis=0)
+    variance = _variance_by_row(fit)
     # all steps put back: the ramp has to explain what they do together
     without = left.copy()
     steps = {one: change.term for one, change in some}
+    # a change at once is told from a short ramp where it is thought to be
+    moments = [change.time - zero for _, change in some]
     for one in steps:
         there = np.isin(rows.group, one.groups or ())[:, None]
         without += made.torque(one.term, fit.values[one]) * there
@@ -786,7 +789,7 @@ def _gradual(
         term: min(found.odds[one] for one in steps if steps[one] == term)
         for term in steps.values()
     }
-    _, right, gram = _in_bins(made, mine, without - left, without, variance)
+    _, right, gram = _in_bins(made, mine, moments, without - left, without, variance)
     score = right.sum() ** 2 / max(float(gram.sum()), SMALLEST) / 2
     score += sum(found.odds[one] for one in steps)
     ramps: list[tuple[float, Ramp, list[Change]]] = []
@@ -795,7 +798,7 @@ def _gradual(
         likes = [_largest(term, some, whole=len(terms) > 1) for term in terms]
         torques = [made.torque(like.term, like.value) for like in likes]
         moved = np.sum(torques, axis=0)
-        own = _in_bins(made, mine, moved, without, variance)
+        own = _in_bins(made, mine, moments, moved, without, variance)
         # the filter makes a step as wide: a shorter ramp looks like one
         ramp = best_ramp(*own, 4 * SMEARED / rows.cutoff, SURE)
         if ramp is not None:
@@ -823,9 +826,20 @@ def _gradual(
     ]
 
 
+def _variance_by_row(fit: Fit) -> np.ndarray:
+    """Variance of what is left by which rows count as if each were by itself, over the joints' scale's square, (n,).
+
+    Form error lasts longer than a row: neighbours that resemble each other count once.
+    """
+    rows, left = fit.contrast.design.rows, fit.left
+    alike = variance_inflation(left, rows.segment)
+    return np.maximum(fit.contrast.error.noise2, alike * (left**2).mean(axis=0))
+
+
 def _in_bins(
     made: Design,
     mine: np.ndarray,
+    moments: Sequence[float],
     moved: np.ndarray,
     left: np.ndarray,
     variance: np.ndarray,
@@ -837,6 +851,7 @@ def _in_bins(
     Args:
         made: the design.
         mine: rows of the recording, mask (M,).
+        moments: at which a bin ends as well [s].
         moved, left: over the joints' scale [1], (M, n).
         variance: of what is left, (n,).
 
@@ -844,7 +859,8 @@ def _in_bins(
         Edges of the bins [s], (B + 1,), and the right sides, (B,), and normal matrix of their torques, (B, B) [nats].
     """
     t = made.rows.t
-    edges = np.linspace(t[mine].min(), t[mine].max(), WINDOW_EDGES)
+    even = np.linspace(t[mine].min(), t[mine].max(), WINDOW_EDGES)
+    edges = np.unique([*even, *np.clip(moments, even[0], even[-1])])
     bins = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(edges) - 2)
     inside = mine[:, None] & (bins[:, None] == np.arange(len(edges) - 1))
     right, gram = np.zeros(inside.shape[1]), np.zeros(2 * inside.shape[1:])
@@ -938,7 +954,7 @@ def best_ramp(
     # at once, before each bin
     steps, _ = _explained(t, right, gram, edges[:-1], edges[:-1])
     of_ramps = np.where(b - a >= shortest, gain, -np.inf)
-    width = edges[1] - edges[0]
+    width = np.diff(edges).max()
     # once more, about where it is likely to begin and to end
     likely = [_likely_within(moments, of_ramps, sure) for moments in (a, b)]
     near = (np.linspace(x - width, y + width, WINDOW_EDGES) for x, y in likely)
