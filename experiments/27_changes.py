@@ -303,8 +303,8 @@ def carried(arm: str, law: str, times: float, out: Path) -> Outcome | None:
     changed, values = one.applied(scene, longest)
     moment = float(longest.t[0] + rng.uniform(0.3, 0.7) * longest.duration)
     if law == FORCE:
-        # begins and ends by itself
-        moment = values["start"]
+        # begins and ends by itself; half of it is there after half its rise
+        moment = 0.9 * values["start"] + 0.1 * values["end"]
     else:
         before = longest.t < moment
         for name in ("q", "dq", "tau", "tau_sensor"):

@@ -245,26 +245,15 @@ class _Spans:
             taught=taught,
         )
 
-    def sets(
-        self, known: Sequence[Sequence[float]] | None = None
-    ) -> list[tuple[int, ...]]:
-        """Spans of a recording in a row, and all of each if there are several; of a stream those up to now.
-
-        Args:
-            known: per recording the times of moments [s]: rows that begin and end elsewhere are left out.
-        """
+    def sets(self) -> list[tuple[int, ...]]:
+        """Spans of a recording in a row, and all of each if there are several; of a stream those up to now."""
         if self.learnt is not None:
             # what a stream has it has until now: each set ends with the last span
             now = self.groups[1]
             return [tuple(now[k:]) for k in range(len(now))]
         out = []
-        for number, some in enumerate(self.groups):
-            ends = self.ends[number]
-            for row in in_a_row(len(some)):
-                sides = {float(ends[row[0]]), float(ends[row[-1] + 1])}
-                # one further moment at a time: with neither end known there are two
-                if known is None or sides & {-np.inf, np.inf, *known[number]}:
-                    out.append(tuple(some[k] for k in row))
+        for some in self.groups:
+            out += [tuple(some[k] for k in row) for row in in_a_row(len(some))]
             # all of a recording is one more state, if there are others to tell it from
             if len(self.groups) > 1:
                 out.append(tuple(some))
@@ -599,7 +588,7 @@ def _by_torque(
         # look: the grid with the moments known, and what promises most beside them
         ends = _ends(mine, count)
         looked = _Spans(rows, list(map(_apart, grid, ends)), PARTS, before, learnt)
-        sets = looked.sets(ends)
+        sets = looked.sets()
         there = {looked.candidate(*key): value for key, value in mine.items()}
         # the odds of one set are shared by all that are looked at
         search = looked.search(about, sets, len(sets))
