@@ -58,6 +58,8 @@ SPANS = 8
 """Spans of a recording by which a moment is looked for. (budget)"""
 PARTS = 3
 """Motions of each of them at least. (budget)"""
+LEAST_MOTIONS = 2 * SPANS
+"""Motions of all recordings at least, when it is asked what changed. (budget)"""
 SMEARED = 1.0
 """Rows within so many periods of the band's cut-off of a moment are left out [1]: there a filter sees both sides, and
 the reading of an encoder that slips has no velocity. (physical)"""
@@ -579,7 +581,11 @@ def _by_torque(
         some: Mapping[tuple[Term, Place], np.ndarray], ends: Sequence[list[float]]
     ) -> tuple[_Spans, Search, dict[Candidate, np.ndarray]]:
         """Spans between moments, the search among them, and what is likely to have changed."""
-        spans = _Spans(learnt.whole() if learnt else rows, ends, learnt=learnt)
+        parts = MIN_MOTIONS
+        if learnt is None:
+            # few long motions would be predicted from others that are unlike them
+            parts = max(parts, -(-LEAST_MOTIONS // (sum(map(len, ends)) + len(ends))))
+        spans = _Spans(learnt.whole() if learnt else rows, ends, parts, learnt=learnt)
         likely = {spans.candidate(*key): value for key, value in some.items()}
         # fewer sets than the look had, which chose among all of them: its odds hold
         return spans, spans.search(about, spans.sets(), len(sets)), likely
@@ -666,8 +672,12 @@ def _ends(
     """Times at which what changes begins or ends, rising, of each of some recordings."""
     ends: list[set[float]] = [set() for _ in range(count)]
     for _, (number, *times) in mine:
-        ends[number] |= {time for time in times if np.isfinite(time)}
+        ends[number] |= set(_finite(times))
     return [sorted(some) for some in ends]
+
+
+def _finite(times: Sequence[float]) -> list[float]:
+    return [t for t in times if np.isfinite(t)]
 
 
 def _between(t: np.ndarray, ends: Sequence[float]) -> list[float]:
@@ -736,17 +746,43 @@ def _changes(
             # a ramp may stand for several changes of a joint: these are kept together
             out.setdefault((number, one.term.joint), []).append((one, change))
     every: list[tuple[int, Change]] = []
+    smeared = SMEARED / made.rows.cutoff
     for (number, _), some in out.items():
-        ramps = _gradual(found, number, some, clocks[number][1])
-        every += [(number, one) for one in ramps or (own for _, own in some)]
+        changes = _at_once([change for _, change in some], smeared)
+        parts = [one for one, _ in some]
+        ramps = _gradual(found, number, parts, changes, clocks[number][1])
+        every += [(number, one) for one in ramps or changes]
     every.sort(key=lambda pair: (pair[0], pair[1].time))
     return tuple(change for _, change in every)
+
+
+def _at_once(changes: Sequence[Change], smeared: float) -> list[Change]:
+    """Changes of a joint; those of a term that no filter can part, of a span's and of the next one's, are one.
+
+    Args:
+        changes: one for each end of what spans have of their own.
+        smeared: moments that are closer are one [s].
+    """
+    out: list[Change] = []
+    for change in sorted(changes, key=lambda c: c.time):
+        last = next((c for c in reversed(out) if c.term == change.term), None)
+        if last is None or change.time - last.time >= smeared:
+            out.append(change)
+            continue
+        # when, by the larger of the two; how much, by both
+        larger = max(last, change, key=lambda c: float(np.linalg.norm(c.value)))
+        deviation = np.hypot(last.deviation, change.deviation)
+        value = last.value + change.value
+        whole = replace(larger, value=value, deviation=deviation)
+        out[out.index(last)] = whole
+    return out
 
 
 def _gradual(
     found: Difference,
     number: int,
-    some: Sequence[tuple[Candidate, Change]],
+    parts: Sequence[Candidate],
+    changes: Sequence[Change],
     zero: float,
 ) -> list[Change]:
     """One even change in the place of those of a joint in a recording; nothing if it explains less.
@@ -758,7 +794,8 @@ def _gradual(
     Args:
         found: the hypothesis.
         number: of the recording.
-        some: the changes, and what has them.
+        parts: what has something of its own in spans.
+        changes: that it makes, each once.
         zero: by the recording's own clock when its rows begin to count [s].
     """
     fit = found.fit
@@ -767,24 +804,23 @@ def _gradual(
     variance = _variance_by_row(fit)
     # all steps put back: the ramp has to explain what they do together
     without = left.copy()
-    steps = {one: change.term for one, change in some}
-    # a change at once is told from a short ramp where it is thought to be
-    moments = [change.time - zero for _, change in some]
-    for one in steps:
+    for one in parts:
         there = np.isin(rows.group, one.groups or ())[:, None]
         without += made.torque(one.term, fit.values[one]) * there
     # a ramp pays once for a term, however many steps of it there are
     cost = {
-        term: min(found.odds[one] for one in steps if steps[one] == term)
-        for term in steps.values()
+        term: min(found.odds[one] for one in parts if one.term == term)
+        for term in dict.fromkeys(one.term for one in parts)
     }
+    # a change at once is told from a short ramp where it is thought to be
+    moments = [change.time - zero for change in changes]
     _, right, gram = _in_bins(made, mine, moments, without - left, without, variance)
     score = right.sum() ** 2 / max(float(gram.sum()), SMALLEST) / 2
-    score += sum(found.odds[one] for one in steps)
+    score += sum(cost[change.term] for change in changes)
     ramps: list[tuple[float, Ramp, list[Change]]] = []
     # a ramp of each term by itself, and one of all of them at once
     for terms in dict.fromkeys([*((term,) for term in cost), tuple(cost)]):
-        likes = [_largest(term, some, whole=len(terms) > 1) for term in terms]
+        likes = [_largest(term, changes, whole=len(terms) > 1) for term in terms]
         torques = [made.torque(like.term, like.value) for like in likes]
         moved = np.sum(torques, axis=0)
         own = _in_bins(made, mine, moments, moved, without, variance)
@@ -797,10 +833,10 @@ def _gradual(
     if not ramps:
         return []
     best, ramp, likes = max(ramps, key=lambda one: one[0])
-    if len(some) > 1 and best < score:
+    if len(changes) > 1 and best < score:
         return []
     # one step gives way only to ramps as a whole, whichever moments they have
-    if len(some) == 1 and ramp.mean + np.log(UNUSUAL) < ramp.at_once:
+    if len(changes) == 1 and ramp.mean + np.log(UNUSUAL) < ramp.at_once:
         return []
     return [
         replace(
@@ -862,11 +898,9 @@ def _in_bins(
     return edges, right, gram
 
 
-def _largest(
-    term: Term, some: Sequence[tuple[Candidate, Change]], whole: bool
-) -> Change:
+def _largest(term: Term, changes: Sequence[Change], whole: bool) -> Change:
     """The largest change of a term over its deviation, with the value of all of them together if that is asked."""
-    own = [change for _, change in some if change.term == term]
+    own = [change for change in changes if change.term == term]
     largest = max(own, key=lambda c: float(np.abs(c.value / c.deviation).max()))
     if whole:
         return replace(largest, value=np.sum([c.value for c in own], axis=0))

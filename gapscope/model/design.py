@@ -55,7 +55,7 @@ PER_KELVIN = 0.02
 """Share of its friction by which a joint's changes per kelvin [1/K] [bittencourt2012]. (physical)"""
 WAVES, FEWER_WAVES = (24, 48), (8, 16)
 """Waves of which an unknown function of a joint's own state consists, and one of the whole arm's: of two groups, and of
-more. (budget)"""
+more or of spans. (budget)"""
 TAILS = 3
 """Degrees of freedom of Student's t, of which their wave numbers are drawn: rough on all scales. (definition)"""
 MAX_KEPT = 20_000_000
@@ -514,7 +514,9 @@ def _waves(rows: Rows) -> tuple[list[np.ndarray], np.ndarray]:
     state = np.hstack([rows.position * sense, rows.velocity * sense])
     state = over_deviation(state)
     n = rows.position.shape[1]
-    of_joint, of_arm = WAVES if rows.group.max() < 2 else FEWER_WAVES
+    # what spans have of their own is looked for, and then asked, beside the same functions
+    few = rows.parted or rows.group.max() >= 2
+    of_joint, of_arm = FEWER_WAVES if few else WAVES
     own = [drawn_waves(state[:, [j, n + j]], of_joint) for j in range(n)]
     return own, drawn_waves(state, of_arm)
 

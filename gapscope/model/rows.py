@@ -229,6 +229,7 @@ class Rows(DecimatedSegments):
         kept: what the last design, about some arm, took of segments.
         first_columns: of terms with a searched value, what follows from the recordings alone, as ``nonlinear_values``
             finds it: the same whatever the groups are.
+        parted: whether the groups are spans of recordings.
         warmth: temperature of the joints over its mean [K], (M, n), if friction is to follow it.
     """
 
@@ -249,6 +250,7 @@ class Rows(DecimatedSegments):
         # the torque gap is defined up to its own cut-off
         super().__init__(segments, min(TORQUE_CUTOFF, cutoff))
         self.kept: Kept | None = None
+        self.parted = False
         self.warmth: np.ndarray | None = None
         self.first_columns: dict[Term, np.ndarray | None] = {}
         counts = [len(self.time(s)) for s in segments]
@@ -291,7 +293,7 @@ class Rows(DecimatedSegments):
         return cls(own, cutoff, taught)
 
     def regrouped(self, group: np.ndarray, least: int, left_out: np.ndarray) -> Rows:
-        """The same rows in other groups.
+        """The same rows in spans of recordings, each a group.
 
         Args:
             group: number of the group of each row, (M,).
@@ -300,7 +302,7 @@ class Rows(DecimatedSegments):
         """
         # arrays of rows are replaced, so that other groupings keep theirs
         other = copy(self)
-        other.group = group
+        other.group, other.parted = group, True
         other.motion = other._motions(least)
         # by weight zero, not removed: rows keep their numbers
         other.measured = np.where(left_out[:, None], 0.0, self.measured)
