@@ -67,6 +67,8 @@ MAX_MOMENTS = 6
 """Moments of a case. (budget)"""
 ZERO = "zero"
 """Quantity of a drive that an encoder which slips has another value of."""
+FACTOR = "scale"
+"""Quantity of a drive that multiplies its torque: it changes by a share of what it was."""
 ANY_FRICTION = 1.0
 """Share by which friction now may differ from that which was learnt: a cold arm has up to twice as much [1]. (physical)
 """
@@ -751,7 +753,13 @@ def _changes(
         changes = _at_once([change for _, change in some], smeared)
         parts = [one for one, _ in some]
         ramps = _gradual(found, number, parts, changes, clocks[number][1])
-        every += [(number, one) for one in ramps or changes]
+        first: dict[Term, float] = {}
+        for one in dict.fromkeys(parts):
+            # of what a stream has all along the begin is a change
+            if np.isinf(spans.place(one)[1]) and spans.learnt is None:
+                value = float(found.fit.values[one][0])
+                first[one.term] = first.get(one.term, 0.0) + value
+        every += [(number, one) for one in _of_before(ramps or changes, first)]
     every.sort(key=lambda pair: (pair[0], pair[1].time))
     return tuple(change for _, change in every)
 
@@ -776,6 +784,28 @@ def _at_once(changes: Sequence[Change], smeared: float) -> list[Change]:
         whole = replace(larger, value=value, deviation=deviation)
         out[out.index(last)] = whole
     return out
+
+
+def _of_before(
+    changes: Sequence[Change], first: Mapping[Term, float]
+) -> Iterator[Change]:
+    """Changes, each of a factor as a share of the one before: (1 + s) becomes (1 + r) (1 + s).
+
+    Args:
+        changes: of a joint, of a factor by how much s changes.
+        first: s at the begin of the recording.
+    """
+    before = dict(first)
+    for change in sorted(changes, key=lambda c: c.time):
+        if FACTOR not in change.term.definition.quantities.values():
+            yield change
+            continue
+        was = 1.0 + before.get(change.term, 0.0)
+        now = was + float(change.value[0])
+        before[change.term] = now - 1.0
+        # of 1 + r = now / was either may be the one that is not known
+        std = change.deviation * max(1.0, abs(now / was)) / abs(was)
+        yield replace(change, value=change.value / was, deviation=std)
 
 
 def _gradual(

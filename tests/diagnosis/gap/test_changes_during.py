@@ -10,13 +10,14 @@ import pytest
 from arms import iiwa_of_three
 from cases import changed_during
 
-from gapscope.arm.case import Case
+from gapscope.arm.case import Case, load_case
 from gapscope.diagnosis.diagnose import SheetComparison, examine
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.plausible_data import up_to_changes
 from gapscope.effects.applied import AppliedEffect
 from gapscope.model.changes import Change, change_findings, change_text, changes_of
 
+REAL = Path(__file__).parents[3] / "experiments" / "cases"
 MOMENT = {"load": 4.1, "friction": 4.4}
 CHANGED = {
     "load": AppliedEffect("payload", (), {"mass": 1.5, "com": [0.0, 0.02, 0.08]}),
@@ -131,3 +132,29 @@ def test_a_force_for_a_while_is_one(tmp_path: Path) -> None:
     entry, _ = change_findings((begins, ends))
     assert set(entry["parameters"]) == {"force"}
     assert "external force changed at 2." in change_text(entry)
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "moment", "factor"),
+    [("emps", 1, 16.94, 1.3), ("ur10", 3, 10.4, 1.45)],
+)
+def test_a_constant_of_a_real_drive_changes_at_once(
+    data_root: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    joint: int,
+    moment: float,
+    factor: float,
+) -> None:
+    """What a model leaves of a real arm lasts for a while, and is no ramp; one recording alone shows the change."""
+    monkeypatch.setenv("GAPSCOPE_DATA", str(data_root))
+    case = load_case(REAL / f"{name}.yaml")
+    longest = max(case.recordings, key=lambda r: r.duration)
+    tau = longest.tau.copy()
+    tau[longest.t >= longest.t[0] + moment, joint - 1] *= factor
+    (change,) = changes_of((replace(longest, tau=tau),), case.arm).during
+    assert (change.term.effect, change.term.joint) == ("torque_scale", joint)
+    assert change.until is None
+    low, high = change.interval
+    assert low <= moment <= high
+    assert change.value[0] == pytest.approx(1 / factor - 1, rel=0.2)
