@@ -331,12 +331,15 @@ class Search:
         # form error that is larger may explain it
         if one is not None and gain <= self._larger_error(fit)[1]:
             without = self._with_larger_error(fit)
-            one, _ = self._most_promising(without)
-            if one is not None:
-                # each side with the form error that it needs itself
-                larger = self._fit((*fit.chosen, one), fit.values, {})
-                if self._with_larger_error(larger).total <= without.total:
-                    one = None
+            other, _ = self._most_promising(without)
+            either = dict.fromkeys(x for x in (one, other) if x is not None)
+            one, least = None, without.total
+            # each side with the form error that it needs itself, which hides most where something changes
+            for some in either:
+                larger = self._fit((*fit.chosen, some), fit.values, {})
+                total = self._with_larger_error(larger).total
+                if total > least:
+                    one, least = some, total
         if one is None:
             return fit, None
         return fit, self._fit((*fit.chosen, one), fit.values, {})
