@@ -106,6 +106,8 @@ EXTERNAL_FORCE = External(
         lambda x, times: {"force": x, "start": times[0], "end": times[1]},
         linear=3,
         nonlinear=("start", "end"),
+        # in any direction as large, wherever it moves a torque
+        proportions=(1.0, 1.0, 1.0),
     ),
     severity=draw_force,
     quantities={"force": "contact", "start": "contact", "end": "contact"},
