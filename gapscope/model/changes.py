@@ -328,7 +328,9 @@ class _Spans:
         moved = made.torque(one.term, values[one])
         # as if the candidate were not there
         without = left + moved * np.isin(rows.group, one.groups or ())[:, None]
-        variance = _variance_by_row(fit)
+        # form error lasts longer than a row: neighbours that resemble each other count once
+        alike = variance_inflation(left, rows.segment)
+        variance = np.maximum(fit.contrast.error.noise2, alike * (left**2).mean(axis=0))
         ends = self.ends[number]
         k = int(np.argmin(np.abs(ends - time)))
         # the two spans about this end alone: at others something else may change
@@ -818,7 +820,7 @@ def _gradual(
     """One even change in the place of those of a joint in a recording; nothing if it explains less.
 
     Several are replaced by a ramp of one term, or of all of them, that explains as much beside what the prior odds of
-    each cost. One is, if a ramp between any two moments is likelier than a change at once at any moment, by more than
+    each cost. Any is, if a ramp between any two moments is likelier than a change at once at any moment, by more than
     what a further parameter costs.
 
     Args:
@@ -831,7 +833,7 @@ def _gradual(
     fit = found.fit
     made, left = fit.contrast.design, fit.left
     rows, mine = made.rows, made.rows.recording == number
-    variance = _variance_by_row(fit)
+    variance = fit.contrast.error.noise2 + (left**2).mean(axis=0)
     # all steps put back: the ramp has to explain what they do together
     without = left.copy()
     for one in parts:
@@ -865,8 +867,8 @@ def _gradual(
     best, ramp, likes = max(ramps, key=lambda one: one[0])
     if len(changes) > 1 and best < score:
         return []
-    # one step gives way only to ramps as a whole, whichever moments they have
-    if len(changes) == 1 and ramp.mean + np.log(UNUSUAL) < ramp.at_once:
+    # one step of the same gives way only to ramps as a whole, whichever moments they have
+    if ramp.mean + np.log(UNUSUAL) < ramp.at_once:
         return []
     return [
         replace(
@@ -879,16 +881,6 @@ def _gradual(
         )
         for like in likes
     ]
-
-
-def _variance_by_row(fit: Fit) -> np.ndarray:
-    """Variance of what is left by which rows count as if each were by itself, over the joints' scale's square, (n,).
-
-    Form error lasts longer than a row: neighbours that resemble each other count once.
-    """
-    rows, left = fit.contrast.design.rows, fit.left
-    alike = variance_inflation(left, rows.segment)
-    return np.maximum(fit.contrast.error.noise2, alike * (left**2).mean(axis=0))
 
 
 def _in_bins(
