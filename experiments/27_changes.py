@@ -108,7 +108,9 @@ class Outcome:
 
     @property
     def false(self) -> int:
-        """Findings that are not the change that was put in."""
+        """Findings that are not the change that was put in; a push ends as well."""
+        if self.truth is not None and self.truth.what == FORCE:
+            return sum(entry["what"] != FORCE for entry in self.found)
         return len(self.found) - (self.hit is not None)
 
     @property
@@ -285,12 +287,12 @@ PUT_IN = {
 
 def carried(arm: str, law: str, times: float, out: Path) -> Outcome | None:
     """A real arm with a change in its longest recording, or as it was recorded; ``None`` if no size is possible."""
-    folder = out / "carriers"
-    carrier = load_carrier(arm, folder / "carriers" / arm)
+    folder = out / "carriers" / arm
+    carrier = load_carrier(arm, folder)
     if not law:
-        return looked(carrier, f"real, {arm}", "as recorded")
-    prepare_arm(arm, folder)
-    whole = load_case(folder / "carriers" / arm / "whole")
+        return looked(carrier, "real arms as recorded", arm)
+    prepare_arm(arm, out)
+    whole = load_case(folder / "whole")
     longest = max(carrier.recordings, key=lambda r: r.duration)
     residual = np.maximum(model_residual(carrier), left(whole))
     scene = Scene(longest, carrier.arm, whole.arm, residual)
