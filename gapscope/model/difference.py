@@ -332,9 +332,11 @@ class Search:
         if one is not None and gain <= self._larger_error(fit)[1]:
             without = self._with_larger_error(fit)
             other, _ = self._most_promising(without)
-            either = dict.fromkeys(x for x in (one, other) if x is not None)
+            # larger form error of all joints hides a force: that is looked at as well
+            force = one if one.term in self.found else other
+            either = dict.fromkeys(x for x in (force, other) if x is not None)
             one, least = None, without.total
-            # each side with the form error that it needs itself, which hides most where something changes
+            # each side with the form error that it needs itself
             for some in either:
                 larger = self._fit((*fit.chosen, some), fit.values, {})
                 total = self._with_larger_error(larger).total
