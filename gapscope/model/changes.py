@@ -676,12 +676,8 @@ def _ends(
     """Times at which what changes begins or ends, rising, of each of some recordings."""
     ends: list[set[float]] = [set() for _ in range(count)]
     for _, (number, *times) in mine:
-        ends[number] |= set(_finite(times))
+        ends[number] |= {time for time in times if np.isfinite(time)}
     return [sorted(some) for some in ends]
-
-
-def _finite(times: Sequence[float]) -> list[float]:
-    return [t for t in times if np.isfinite(t)]
 
 
 def _between(t: np.ndarray, ends: Sequence[float]) -> list[float]:
