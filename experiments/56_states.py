@@ -5,9 +5,14 @@
 The arms are those of the blind check: MuJoCo bodies, LuGre friction, quantised noisy encoders, a sampled controller;
 none of the catalogue's laws. Each row has ``--draws`` arms, another robot each. A reference has three recordings of a
 healthy arm, a case two of another kind and another day, on which Coulomb and viscous friction of every joint differ by
-up to +-12 %. Where the states of a case are asked for, the data sheet is nearly right, so that the case is diagnosed
-without the reference too; in the other rows it is poor, inertials 10 to 30 % off and no friction, and the controller is
-unknown.
+up to +-12 %. Where the states of a case are asked for, the data sheet is nearly right, and all commands are asked of
+the same recordings; in the other rows it is poor, inertials 10 to 30 % off and no friction, and the controller is
+unknown. What each command is given:
+
+against, plain   the case, with and without its reference: ``gapscope diagnose``
+agree            the two recordings of the case: what differs
+watch            the case, after the reference has shown what is normal: alarms, none but in what changes
+units            each of the five recordings as a unit of its own: what one unit has alone
 
 Resumable: run it again for the rest; each diagnosis has a result file.
 """
@@ -15,13 +20,16 @@ Resumable: run it again for the rest; each diagnosis has a result file.
 from __future__ import annotations
 
 import itertools
+import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 from common import (
+    diagnosis,
     names_of,
     run_missing,
     study,
@@ -30,6 +38,7 @@ from common import (
 )
 from generator_arms import recorded, write_side
 
+from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json
 from gapscope.blind_check.generator.case import CaseSetup, draw_setup
@@ -38,7 +47,16 @@ from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.blind_check.scoring import Named, matched, named, same
+from gapscope.diagnosis.agreement import DIFFERS, agreement
+from gapscope.diagnosis.compare_units import ONE
+from gapscope.diagnosis.prepare import silent
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.many.batch import Batch, diagnose_all
+from gapscope.model.changes import PLAIN_FRICTION
 from gapscope.reports.pages import PageSection as Table
+from gapscope.terminal import console
+from gapscope.watching.detector import ALARM, MISFIT, WatchSettings
+from gapscope.watching.watch import Watch
 
 ROBOTS = ("ur5_like", "franka_panda", "drawn", "kuka_iiwa", "ur10_like", "xarm6")
 ARM = np.array([], dtype=int)
@@ -50,6 +68,10 @@ COLD = (0.4, 0.8)
 """Rise of the friction of every joint in a cold recording [1]."""
 REFERENCE, CASE = (0, 1, 2), (3, -1)
 """Motions that are recorded in either."""
+FILES = ("recording_a", "recording_b")
+"""The recordings of a case."""
+UNITS = ("healthy_a", "healthy_b", "healthy_c", *FILES)
+"""Each recording as a unit of its own."""
 LEVER = 0.15
 """Distance of two equal loads from the axis of the flange, on opposite sides [m]."""
 OTHER_MASS = 0.25
@@ -66,7 +88,7 @@ class Row(NamedTuple):
 
     Attributes:
         text: what it is.
-        modes: ``against`` a reference and ``plain``, without.
+        modes: what is asked.
         poor_sheet: whether the data sheet is poor and the controller unknown.
         rate: of controller and recordings [Hz].
     """
@@ -78,6 +100,7 @@ class Row(NamedTuple):
 
 
 BOTH = ("against", "plain")
+ALL = (*BOTH, "agree", "watch", "units")
 IN_ONE = {
     "zero_in_one": "encoder_offset",
     "friction_in_one": "coulomb_friction",
@@ -88,8 +111,8 @@ ROWS = {
     "same_load": Row("the same load in both recordings", BOTH, False),
     "two_loads": Row("two loads, one in each", BOTH, False),
     "opposite_loads": Row("equal masses on opposite sides", BOTH, False),
-    "tool_on_off": Row("a load in one, none in the other", BOTH, False),
-    "cold_warm": Row("one cold, one warm", BOTH, False),
+    "tool_on_off": Row("a load in one, none in the other", ALL, False),
+    "cold_warm": Row("one cold, one warm", ALL, False),
     "wrong_constants": Row("two torque constants off by half, nothing changed"),
     "wrong_constants_load": Row("two torque constants off by half, a load"),
     "poor_log": Row("1 kHz, repeated rows, coarse encoders; nothing", rate=1000),
@@ -97,9 +120,11 @@ ROWS = {
     "poor_log_coulomb": Row(
         "1 kHz, repeated rows, coarse encoders; Coulomb friction", rate=1000
     ),
-    "zero_in_one": Row("an encoder zero off in one", BOTH, False),
-    "friction_in_one": Row("friction of one joint higher in one", BOTH, False),
-    "constant_in_one": Row("a torque constant off in one", BOTH, False),
+    "zero_in_one": Row("an encoder zero off in one", ALL, False),
+    "friction_in_one": Row("friction of one joint higher in one", ALL, False),
+    "constant_in_one": Row("a torque constant off in one", ALL, False),
+    # last: the cases of a row are drawn by its place
+    "nothing": Row("nothing but another day", ALL, False),
 }
 
 
@@ -145,7 +170,7 @@ def loads(row: str, setup: CaseSetup, rng: np.random.Generator) -> list[list[Cau
 
 
 Truth = list[dict[str, Any]]
-"""Effects that a right answer names."""
+"""Effects that a right answer names, each with ``recordings``: the files of the case that have it."""
 
 
 def drawn_case(row: str, number: int, seed: int, folder: Path) -> Truth:
@@ -175,6 +200,8 @@ def drawn_case(row: str, number: int, seed: int, folder: Path) -> Truth:
         logged = as_logged(row, ran, setup.arm.n, rng)
         write_logged(row, setup, logged[: len(REFERENCE)], folder / "reference")
         write_logged(row, setup, logged[len(REFERENCE) :], folder / "case")
+        for unit, one in zip(UNITS, logged, strict=True):
+            write_logged(row, setup, [one], folder / "units" / unit)
         return truth
     raise GapscopeError(f"{row} {number} did not come about", "take another seed")
 
@@ -207,8 +234,12 @@ def plants(
             parameters = {"rise": {"unit": "1", "value": rise.tolist()}}
             entry = {"effect": f"{name}_friction", "joints": joints}
             labels[cold].append({**entry, "parameters": parameters})
-    # of the same cause in both recordings, and of two loads, one entry
-    effects = {entry["effect"]: entry for several in labels for entry in several}
+    effects = {}
+    for file, several in zip(FILES, labels, strict=True):
+        for entry in several:
+            # of the same cause in both recordings, and of two loads, one entry
+            one = effects.setdefault(entry["effect"], {**entry, "recordings": []})
+            one["recordings"].append(file)
     return today, [*effects.values()]
 
 
@@ -255,6 +286,57 @@ def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> N
     run_missing(made, files, jobs, 600.0)
 
 
+# What each command says of a case, as a document with the effects that it says have changed
+
+
+def agreed(case: Path, reference: Path | None) -> dict[str, Any]:
+    """What differs between the recordings of a case."""
+    found = agreement(load_case(case))
+    effects = [
+        {"effect": line.term.effect, "joints": [line.joint] * bool(line.joint)}
+        for line in found.having(DIFFERS)
+    ]
+    return {"effects": effects, "verdict": "something else" * bool(found.unknown)}
+
+
+def watched(case: Path, reference: Path | None) -> dict[str, Any]:
+    """What a watch alarms of, once for each effect, when it has seen the reference."""
+    healthy = load_case(reference)
+    settings = WatchSettings(case, learning=0.0, rest=0.0, until_idle=0.0)
+    events = list(Watch(CorrectedArm(healthy.arm), settings, healthy).run())
+    found = {}
+    for event in events:
+        if event.event == ALARM:
+            effect = "coulomb_friction" if event.effect == PLAIN_FRICTION else event.effect
+            joints = list(event.joints)
+            # in the second recording it may be over
+            entry = {"effect": effect, "joints": joints, "sentence": event.sentence}
+            file = Path(event.recording).stem
+            found.setdefault((effect, *joints), entry | {"recording": file})
+    misfits = [event.sentence for event in events if event.event == MISFIT]
+    return {"effects": [*found.values()], "verdict": "; ".join(misfits)}
+
+
+def compared(case: Path, reference: Path | None) -> dict[str, Any]:
+    """What one unit has alone, of those that each recording is."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder)
+        paths = tuple(case.parent / "units" / unit for unit in UNITS)
+        with console.capture():
+            diagnose_all(Batch(paths, out), silent)
+        group = read_json(out / "units.json", "a group of units")["groups"][0]
+    effects = []
+    for entry in group["effects"]:
+        if entry["kind"] == ONE:
+            joints = [entry["joint"]] if entry["joint"] else []
+            effects.append(entry | {"joints": joints, "recording": entry["units"][0]})
+    return {"effects": effects, "verdict": f"{len(group['units'])} units"}
+
+
+ASKED = {"agree": agreed, "watch": watched, "units": compared}
+"""What makes the document of a mode; ``diagnose`` of all others."""
+
+
 class Judged(NamedTuple):
     """A result beside its truth.
 
@@ -276,7 +358,14 @@ def judged(truth: Truth, result: dict[str, Any], n: int) -> Judged:
     """Set a result beside its truth."""
     document = result.get("document") or {"effects": [], "verdict": "failed"}
     true = [named(entry) for entry in truth]
-    found = [named(entry) for entry in document["effects"]]
+    having = {entry["effect"]: entry["recordings"] for entry in truth}
+    found = []
+    for entry in document["effects"]:
+        one = named(entry)
+        # where a command says in which recording, it must be that
+        if entry.get("recording") not in (None, *having.get(one.effect, ())):
+            one = replace(one, effect=f"{one.effect} in {entry['recording']}")
+        found.append(one)
     pairs = matched(true, found, n, [])
     done = result["status"] == "done"
     whole = len(pairs) == len(true) == len(found)
@@ -354,7 +443,8 @@ def main() -> None:
 
     def sides(task: Task) -> tuple[Path, Path | None]:
         folder = out / "cases" / task.case
-        reference = folder / "reference" if task.mode == "against" else None
+        with_it = task.mode in ("against", "watch")
+        reference = folder / "reference" if with_it else None
         return folder / "case", reference
 
     study(
@@ -363,6 +453,7 @@ def main() -> None:
         plans=lambda: tasks,
         sides=sides,
         tables=lambda rows: tables(rows, out),
+        asked=lambda task: ASKED.get(task.mode, diagnosis),
     )
 
 

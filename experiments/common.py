@@ -191,6 +191,13 @@ def run_missing(
     return [read_json(file, "remove it") for file in tasks if file.is_file()]
 
 
+def diagnosis(folder: Path, reference: Path | None) -> Any:
+    """The document of the diagnosis of a case, compared with another one if that is given."""
+    case = load_case(folder, any_unit=True)
+    against = None if reference is None else load_case(reference)
+    return gapscope.diagnose(case, against=against).document
+
+
 class Wanted(NamedTuple):
     """A diagnosis that is wanted.
 
@@ -198,11 +205,13 @@ class Wanted(NamedTuple):
         case: folder of its case.
         reference: folder of the case that it is compared with, if any.
         file: of its result, with the name of the diagnosis.
+        asked: makes the document.
     """
 
     case: Path
     reference: Path | None
     file: Path
+    asked: Callable[[Path, Path | None], Any] = diagnosis
 
 
 def diagnosed(wanted: Wanted) -> dict[str, Any]:
@@ -210,10 +219,8 @@ def diagnosed(wanted: Wanted) -> dict[str, Any]:
     started, cpu = time.monotonic(), time.process_time()
     result = {"case": wanted.case.name, "status": "done"}
     try:
-        case, reference = load_case(wanted.case, any_unit=True), wanted.reference
-        against = None if reference is None else load_case(reference)
         # the document is made whole within the time that is counted
-        found = gapscope.diagnose(case, against=against).document
+        found = wanted.asked(wanted.case, wanted.reference)
         result["document"] = plain(found, null_if_not_finite=True)
     # whatever a diagnosis raises is a result of the benchmark: it is recorded and counted
     except Exception as error:
@@ -292,6 +299,7 @@ def study(
     plans: Callable[[], Sequence[T]],
     sides: Callable[[T], tuple[Path, Path | None]],
     tables: Callable[[list[tuple[T, dict[str, Any]]]], Sequence[Table]],
+    asked: Callable[[T], Callable[[Path, Path | None], Any]] = lambda plan: diagnosis,
 ) -> None:
     """Make cases, diagnose them, and publish tables of plans and results, as ``--step`` asks; on one thread a process.
 
@@ -301,6 +309,7 @@ def study(
         plans: what is planned, once the cases are made, each with a ``name``.
         sides: folder of the case of a plan, and of the reference that it is compared with, if any.
         tables: of the plans that have a result.
+        asked: makes the document of a plan, from its sides.
     """
     warnings.simplefilter("ignore", ModelWarning)
     threadpool_limits(1)
@@ -308,7 +317,8 @@ def study(
     if options.step in ("make", "all"):
         make()
     planned = [
-        (plan, Wanted(*sides(plan), results / f"{plan.name}.json")) for plan in plans()
+        (plan, Wanted(*sides(plan), results / f"{plan.name}.json", asked(plan)))
+        for plan in plans()
     ]
     if options.step in ("run", "all"):
         made = [one for _, one in planned if (one.case / "case.yaml").is_file()]

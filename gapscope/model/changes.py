@@ -192,9 +192,10 @@ class _Spans:
         learnt: Learnt | None = None,
     ) -> None:
         self.learnt = learnt
-        # ends outside, or between the same two rows, would make spans without rows
+        # ends outside, or closer than a filter parts, would make spans without rows that count
+        smeared = SMEARED / rows.cutoff
         kept = [
-            _between(rows.t[rows.recording == number], some)
+            _between(rows.t[rows.recording == number], some, smeared)
             for number, some in enumerate(ends)
         ]
         # span k of a recording lies between ends k and k + 1, the outer two at infinity
@@ -203,7 +204,6 @@ class _Spans:
         first = np.cumsum([0, *(len(some) + 1 for some in kept)]).tolist()
         self.groups = [list(range(a, b)) for a, b in pairwise(first)]
         group, left_out = rows.group.copy(), np.zeros(len(rows.group), dtype=bool)
-        smeared = SMEARED / rows.cutoff
         for number, some in enumerate(kept):
             mine = rows.recording == number
             group[mine] = first[number] + np.searchsorted(some, rows.t[mine])
@@ -585,10 +585,9 @@ def _by_torque(
         some: Mapping[tuple[Term, Place], np.ndarray], ends: Sequence[list[float]]
     ) -> tuple[_Spans, Search, dict[Candidate, np.ndarray]]:
         """Spans between moments, the search among them, and what is likely to have changed."""
-        parts = MIN_MOTIONS
-        if learnt is None:
-            # few long motions would be predicted from others that are unlike them
-            parts = max(parts, -(-LEAST_MOTIONS // (sum(map(len, ends)) + len(ends))))
+        # few long motions would be predicted from others that are unlike them
+        groups = sum(map(len, ends)) + len(ends)
+        parts = max(MIN_MOTIONS, -(-LEAST_MOTIONS // groups))
         spans = _Spans(learnt.whole() if learnt else rows, ends, parts, learnt=learnt)
         likely = {spans.candidate(*key): value for key, value in some.items()}
         # fewer sets than the look had, which chose among all of them: its odds hold
@@ -631,8 +630,10 @@ def _by_torque(
             )
             if vain:
                 return told
-        # the next look is about what predicts best beside all that
-        about, torque = search.moved_by(step or fit), fit.torque
+        # the next look is about what predicts best beside all that; a stream's stays as it was learnt
+        if learnt is None:
+            about = search.moved_by(step or fit)
+        torque = fit.torque
         if step is not None and left:
             # what comes and goes has two moments: where none of two is borne out, others lead farther astray
             if learnt is None and not borne_out and sum(map(len, ends)) > 1:
@@ -680,11 +681,14 @@ def _ends(
     return [sorted(some) for some in ends]
 
 
-def _between(t: np.ndarray, ends: Sequence[float]) -> list[float]:
-    """Ends that have rows at times t, rising, on both sides: of those between the same two rows the first."""
-    place = np.searchsorted(t, ends)
-    _, first = np.unique(place, return_index=True)
-    return [ends[k] for k in first.tolist() if 0 < place[k] < len(t)]
+def _between(t: np.ndarray, ends: Sequence[float], smeared: float) -> list[float]:
+    """Ends, rising, of spans that each have rows, at times t, farther than ``smeared`` from both of its ends."""
+    kept = [-np.inf]
+    for end in ends:
+        before = (t > kept[-1] + smeared) & (t < end - smeared)
+        if before.any() and t[-1] > end + smeared:
+            kept.append(end)
+    return kept[1:]
 
 
 def _apart(grid: np.ndarray, ends: Sequence[float]) -> list[float]:

@@ -47,7 +47,7 @@ from gapscope.model.conditioning import (
 from gapscope.model.design import FreeArm, design, fitted_arm
 from gapscope.model.difference import Fit
 from gapscope.model.equations import Equations, FormError, learn
-from gapscope.model.rows import MODEL_RATE, Kept, Rows
+from gapscope.model.rows import MIN_MOTIONS, MODEL_RATE, Kept, Rows
 from gapscope.model.terms import Term
 
 # What a watch says: an alarm, a misfit, a drift or a note, as one JSON line and as a sentence.
@@ -653,7 +653,21 @@ class Detector:
         """Events of the next part of a recording, of the same name as before or a new one."""
         # a new recording ends the one before it
         self._begun = {**dict(list(self._begun.items())[-1:]), part.name: part.begun}
-        for item in self.stream.add(part):
+        yield from self._come(self.stream.add(part))
+
+    def ended(self) -> Iterator[Event]:
+        """Events of the last samples of a recording that has ended."""
+        yield from self._come(self.stream.finish())
+
+    def last_look(self) -> Iterator[Event]:
+        """What has changed up to now, if that was not looked at yet."""
+        state = self.state
+        # motions in which something is the same, and others in which it is not
+        if len(state.now) >= MIN_MOTIONS and state.now[-1].end > state.looked:
+            yield from self._look_at_all()
+
+    def _come(self, items: Iterable[Segment | Event]) -> Iterator[Event]:
+        for item in items:
             if isinstance(item, Event):
                 yield item
             # an arm at rest tells nothing of what moves it
@@ -744,9 +758,13 @@ class Detector:
         state.now = [*state.now, block][-round(NOW / BLOCK) :]
         # each span has some motion
         if len(state.now) >= SPANS and block.end >= state.looked + LOOK * state.pace:
-            state.looked = block.end
-            self._forget(state.now[0].begin)
-            yield from self._look()
+            yield from self._look_at_all()
+
+    def _look_at_all(self) -> Iterator[Event]:
+        """The look at all that is compared."""
+        self.state.looked = self.state.now[-1].end
+        self._forget(self.state.now[0].begin)
+        yield from self._look()
 
     def _forget(self, begin: float) -> None:
         """What changed before the motion that is compared may have any value like it all along."""

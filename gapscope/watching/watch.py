@@ -487,6 +487,7 @@ class Watch:
                 break
             if not new:
                 time.sleep(self.settings.poll)
+        yield from self._said(self.detector.last_look())
         self._save()
         failure = self._reading.failure
         # an end without anything that could be read is a failure of the source
@@ -501,6 +502,9 @@ class Watch:
         if item.tau is None:
             yield Event(event=NOTE, sentence=f"{item.name}: has no torque, left out")
         yield from self.detector.add(item)
+        # a file of a folder is complete
+        if isinstance(self.source, Folder):
+            yield from self.detector.ended()
 
     def _said(self, events: Iterator[Event]) -> Iterator[Event]:
         """The events, written to the file before they are passed on."""
