@@ -48,7 +48,6 @@ from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.blind_check.scoring import Named, matched, named, same
 from gapscope.diagnosis.agreement import DIFFERS, agreement
-from gapscope.diagnosis.compare_units import ONE
 from gapscope.diagnosis.prepare import silent
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.many.batch import Batch, diagnose_all
@@ -289,6 +288,11 @@ def make(cases: Sequence[tuple[str, int]], seed: int, out: Path, jobs: int) -> N
 # What each command says of a case, as a document with the effects that it says have changed
 
 
+def named_effect(what: str) -> str:
+    """The effect that stands for plain friction, by what a finding calls it."""
+    return "coulomb_friction" if what == PLAIN_FRICTION else what
+
+
 def agreed(case: Path, reference: Path | None) -> dict[str, Any]:
     """What differs between the recordings of a case."""
     found = agreement(load_case(case))
@@ -307,12 +311,10 @@ def watched(case: Path, reference: Path | None) -> dict[str, Any]:
     found = {}
     for event in events:
         if event.event == ALARM:
-            effect = "coulomb_friction" if event.effect == PLAIN_FRICTION else event.effect
-            joints = list(event.joints)
-            # in the second recording it may be over
-            entry = {"effect": effect, "joints": joints, "sentence": event.sentence}
-            file = Path(event.recording).stem
-            found.setdefault((effect, *joints), entry | {"recording": file})
+            # what comes with one recording goes with the next: told twice it is one
+            entry = {"effect": named_effect(event.effect), "joints": list(event.joints)}
+            entry["sentence"] = event.sentence
+            found.setdefault((event.effect, *event.joints), entry)
     misfits = [event.sentence for event in events if event.event == MISFIT]
     return {"effects": [*found.values()], "verdict": "; ".join(misfits)}
 
@@ -325,11 +327,10 @@ def compared(case: Path, reference: Path | None) -> dict[str, Any]:
         with console.capture():
             diagnose_all(Batch(paths, out), silent)
         group = read_json(out / "units.json", "a group of units")["groups"][0]
-    effects = []
-    for entry in group["effects"]:
-        if entry["kind"] == ONE:
-            joints = [entry["joint"]] if entry["joint"] else []
-            effects.append(entry | {"joints": joints, "recording": entry["units"][0]})
+    effects = [
+        entry | {"effect": named_effect(entry["what"]), "recording": entry["unit"]}
+        for entry in group["differences"]
+    ]
     return {"effects": effects, "verdict": f"{len(group['units'])} units"}
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
+from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -25,6 +26,7 @@ from gapscope.diagnosis.thresholds import (
     ALIKE_NRMSE,
     EFFECT_FORM,
     FLEET_LEVEL,
+    FRICTION_DAY_TO_DAY,
     VISIBLE_EFFECT,
 )
 from gapscope.effects.applied import AppliedEffect
@@ -39,7 +41,9 @@ from gapscope.envs.effect_ranges import (
     spread,
     within_nominal,
 )
+from gapscope.model.changes import FRICTION, PLAIN_FRICTION, own_of_units
 from gapscope.model.conditioning import condition
+from gapscope.model.rows import comparable
 from gapscope.model.torque_gap import torque_gap
 
 # The ranges of effects from the files of one or several diagnoses.
@@ -506,6 +510,41 @@ def confusion_column(unit: FleetUnit, units: Sequence[FleetUnit]) -> ConfusionCo
     return ConfusionColumn(unit.name, nrmse)
 
 
+# What one unit has and the others have not: the contrast of their recordings (``gapscope.model``).
+
+
+def unit_differences(units: Sequence[FleetUnit]) -> list[dict[str, Any]] | None:
+    """What units of a type have of their own: ``unit``, ``what``, ``joints``, ``probability`` and ``parameters``.
+
+    ``None`` if their recordings cannot be compared: one unit has none that is long enough, or hangs otherwise.
+    """
+    if len(units) < 2:
+        return None
+    try:
+        cases = [load_case(unit.case) for unit in units]
+    except GapscopeError:  # the case was changed since; its column shows it
+        return None
+    first = cases[0].arm
+    recorded = {
+        unit.name: comparable((*case.recordings, *case.judged))
+        for unit, case in zip(units, cases, strict=True)
+    }
+    hung = all(np.allclose(case.arm.gravity, first.gravity) for case in cases)
+    if not (hung and all(recorded.values())):
+        return None
+    with threadpool_limits(1):
+        return own_of_units(recorded, first, FRICTION_DAY_TO_DAY)
+
+
+def is_of(difference: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
+    """Whether a difference between units is of an effect and place of ``units.json``."""
+    term = CATALOGUE.get(row["effect"])
+    friction = term is not None and set(term.quantities.values()) & set(FRICTION)
+    what = PLAIN_FRICTION if friction else row["effect"]
+    joints = [row["joint"]] if row["joint"] else []
+    return (difference["what"], difference["joints"]) == (what, joints)
+
+
 # The comparison of several units as data: ``units.json``.
 
 
@@ -572,9 +611,11 @@ def grouped(
 
 
 def units_document(
-    made: Sequence[tuple[FleetGroup, Sequence[ConfusionColumn]]], alone: Sequence[str]
+    made: Sequence[tuple[FleetGroup, Sequence[ConfusionColumn]]],
+    alone: Sequence[str],
+    differences: Sequence[Sequence[Mapping[str, Any]] | None],
 ) -> dict[str, Any]:
-    """Content of ``units.json``: per type of arm the effects compared and, with columns, the confusion."""
+    """Content of ``units.json``: per type of arm the effects compared, what units have of their own, the confusion."""
     content = {
         "schema": 1,
         "groups": [
@@ -584,9 +625,10 @@ def units_document(
                 "units": list(group.documents),
                 "nominal_differs": group.differ,
                 "effects": compare(group.documents),
+                "differences": own,
                 "confusion": _confusion(columns, group.left_out),
             }
-            for group, columns in made
+            for (group, columns), own in zip(made, differences, strict=True)
         ],
         "alone": alone,
     }

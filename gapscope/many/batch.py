@@ -22,6 +22,7 @@ from gapscope.diagnosis.compare_units import (
     explains_as_much,
     grouped,
     other_laws,
+    unit_differences,
     units_document,
 )
 from gapscope.diagnosis.diagnose_change import FOLDER
@@ -252,7 +253,14 @@ def _compared(
         for (unit, _), result in zip(calls, results, strict=True)
     }
     confused = [(group, [columns[u.name] for u in group.units]) for group in groups]
-    return rows, code, units_document(confused, alone)
+    asked = [(group.units,) for group in groups]
+    own: list[list[dict[str, Any]] | None] = []
+    for result in in_order(unit_differences, asked, batch.jobs, batch.backend):
+        # the diagnoses are worth something without it
+        if isinstance(result, Exception):
+            say(f"the recordings of the units are not compared: {result}")
+        own.append(None if isinstance(result, Exception) else result)
+    return rows, code, units_document(confused, alone, own)
 
 
 def _by_law_of_type(

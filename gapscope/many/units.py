@@ -18,10 +18,18 @@ from gapscope.arm.display import (
     percent,
     uncertain,
 )
-from gapscope.diagnosis.compare_units import DIFFERING, NOMINAL, ONE, SHARED, SOME
+from gapscope.diagnosis.compare_units import (
+    DIFFERING,
+    NOMINAL,
+    ONE,
+    SHARED,
+    SOME,
+    is_of,
+)
 from gapscope.diagnosis.document.wording import Document, capital, joint_ranges
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
 from gapscope.effects.catalogue import known_effect
+from gapscope.model.changes import named_text, size_text
 from gapscope.reports.diagnosis import ADDING
 from gapscope.reports.pages import PageSection, terminal_table
 
@@ -34,6 +42,9 @@ MEANING = {
     SOME: "several units have it, not all",
     ONE: "this unit differs from the others",
 }
+ALIKE = "named here alone, but the recordings of the units do not differ in it"
+OWN = "What a unit has of its own, beside what all share"
+OWN_HEAD = ("unit", "effect", "size", "probability")
 _SHEET = {"urdf": "URDF", "torque_limit": "torque limits"} | {
     key: effect_name(effect.name) for key, effect in ADDING.items()
 }
@@ -73,6 +84,10 @@ def findings(group: Document) -> Sequence[Document]:
             f"{unit} has {effect_name(other)} in its place"
             for unit, other in first["instead"].items()
         ]
+        # small effects are named of some units, and missed on others that have them as well
+        own, alone = group["differences"], first["kind"] in (SOME, ONE)
+        told = own is None or any(is_of(other, row) for other in own for row in rows)
+        meaning = ALIKE if alone and not told else MEANING[first["kind"]]
         made.append(
             {
                 "name": capital(effect_name(first["effect"])),
@@ -81,7 +96,7 @@ def findings(group: Document) -> Sequence[Document]:
                 else link,
                 "kind": first["kind"],
                 "label": label,
-                "meaning": MEANING[first["kind"]],
+                "meaning": meaning,
                 "notes": notes,
                 "lines": [
                     _line(group["units"], row, value)
@@ -128,6 +143,19 @@ def _line(units: Sequence[str], row: Document, value: Document) -> Document:
         "scatter": percent(together["i_squared"]) if together else MISSING,
         "differs": bool(together) and together["p"] < level,
     }
+
+
+def own_rows(group: Document) -> list[tuple[str, str, str, str]]:
+    """What units have of their own: unit, effect and place, size, probability."""
+    return [
+        (
+            entry["unit"],
+            capital(named_text(entry)),
+            size_text(entry),
+            percent(entry["probability"]),
+        )
+        for entry in group["differences"] or ()
+    ]
 
 
 def heading(group: Document) -> str:
@@ -244,6 +272,9 @@ def fleet_tables(content: Document) -> Group:
         table = PageSection(title, ("effect", "on", "found"), rows)
         said = table.on_terminal(caption=heading(group), caption_justify="left")
         parts.append(said)
+        if group["differences"]:
+            own = PageSection(OWN, OWN_HEAD, own_rows(group))
+            parts.append(own.on_terminal())
         if confusion["columns"]:
             # mean torque NRMSE of each arm on the recordings of each unit; the least of each column in bold
             lines = []

@@ -409,6 +409,45 @@ def _of_recordings(rows: Rows, about: FreeArm) -> Search:
     return Search(rows, about, in_a_row(len(every)), every, days=0.0)
 
 
+def own_of_units(
+    units: Mapping[str, Sequence[Recording]], arm: NominalArm, day: float
+) -> list[dict[str, Any]]:
+    """What units of a type have of their own beside what all share: entries of ``change_findings``, by ``unit``.
+
+    Args:
+        units: recordings of each, by its name; each unit is a group.
+        arm: the nominal arm of the type.
+        day: share by which friction differs from day to day, and is no difference [1].
+    """
+    rows = Rows.recorded(list(units.values()))
+    every = tuple(range(len(units)))
+    alone = [(group,) for group in every]
+    about = fitted_arm(rows, arm, every)
+    found = Search(rows, about, alone, every, day, every, together=alone).run()
+    probabilities = found.probabilities_of(lambda one: one)
+    names = list(units)
+    changes = [
+        Change(
+            recording=names[group],
+            time=0.0,
+            interval=(0.0, 0.0),
+            term=one.term,
+            value=found.fit.values[one],
+            deviation=found.fit.answer.deviations[one],
+            probability=probabilities[one],
+            support=0.0,
+            columns={},
+        )
+        for one in found.fit.mine
+        for group in one.groups or ()
+    ]
+    told = ("what", "joints", "probability", "parameters")
+    return [
+        {"unit": entry["recording"]} | {key: entry[key] for key in told}
+        for entry in change_findings(changes)
+    ]
+
+
 class Since(NamedTuple):
     """What a look at a stream says.
 
@@ -1168,14 +1207,23 @@ def change_text(entry: Mapping[str, Any]) -> str:
         done = "picked up" if mass["value"] > 0 else "put down"
         size = f"{uncertain(abs(mass['value']), mass['std'])} kg"
         return f"load of {size} {done} {when}"
+    return f"{named_text(entry)} changed {when}: {size_text(entry, ' by')}"
+
+
+def named_text(entry: Mapping[str, Any]) -> str:
+    """What a finding is of, and where: ``friction of joint 2``."""
+    plain = entry["what"] == PLAIN_FRICTION
+    name = PLAIN_FRICTION if plain else effect_name(entry["what"])
+    joints = entry["joints"]
+    return f"{name} of joint {joints[0]}" if joints else name
+
+
+def size_text(entry: Mapping[str, Any], by: str = "") -> str:
+    """The numbers of a finding: ``coulomb 0.31 ± 0.01 N m``."""
     sizes = []
     for name, part in entry["parameters"].items():
         values, stds = np.ravel(part["value"]), np.ravel(part["std"])
         each = [uncertain(*pair) for pair in zip(values, stds, strict=True)]
         size = each[0] if len(each) == 1 else f"({', '.join(each)})"
-        sizes.append(f"{name} by {size} {part['unit']}".removesuffix(" 1"))
-    plain = entry["what"] == PLAIN_FRICTION
-    name = PLAIN_FRICTION if plain else effect_name(entry["what"])
-    joints = entry["joints"]
-    where = f" of joint {joints[0]}" if joints else ""
-    return f"{name}{where} changed {when}: {', '.join(sizes)}"
+        sizes.append(f"{name}{by} {size} {part['unit']}".removesuffix(" 1"))
+    return ", ".join(sizes)

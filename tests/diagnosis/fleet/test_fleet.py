@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from sweeps import daily
 from synthetic import Truth, arm, recordings
 
+from gapscope.arm.display import percent
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import write_json
 from gapscope.arm.io.write_case import write_case
@@ -50,7 +51,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.many.pages import render_summary
 from gapscope.many.rows import Row
-from gapscope.many.units import findings, heading, told_apart
+from gapscope.many.units import ALIKE, findings, heading, own_rows, told_apart
 
 Found = tuple[str, list[int], dict[str, tuple[Any, Any]]]
 
@@ -237,7 +238,17 @@ def content(tmp_path: Path) -> dict[str, Any]:
     same = np.array([0.1, 0.1])
     rows = {"nominal": np.array([0.5, 0.4]), "a": same, "b": same}
     unread = ConfusionColumn("b", {}, "cannot be read")
-    return units_document([(group, [ConfusionColumn("a", rows), unread])], ["d"])
+    compared = [(group, [ConfusionColumn("a", rows), unread])]
+    own = [
+        {
+            "unit": "b",
+            "what": "friction",
+            "joints": [5],
+            "probability": 0.99,
+            "parameters": {"coulomb": {"unit": "N m", "value": 1.0, "std": 0.01}},
+        }
+    ]
+    return units_document(compared, ["d"], [own])
 
 
 def test_the_document_is_whole_and_plain_json(
@@ -266,6 +277,12 @@ def test_units_in_words(content: dict[str, Any]) -> None:
         ("Coulomb friction", "joint 5", "on 2 of 3 units, sizes differ"),
         ("Sign flip", "joint 2", "only on c"),
     }
+    assert own_rows(group) == [
+        ("b", "Friction of joint 5", "coulomb 1.000 ± 0.010 N m", percent(0.99))
+    ]
+    meaning = {f["place"]: f["meaning"] for f in findings(group)}
+    # of joint 2 the recordings say nothing of the kind
+    assert meaning["joint 5"] != ALIKE == meaning["joint 2"]
     assert heading(group) == (
         "Effects found: none is shared by all units; 2 on some units and 1 on one unit alone."
     )
@@ -288,7 +305,7 @@ def test_units_in_the_summary_with_names_escaped(tmp_path: Path) -> None:
     columns.append(ConfusionColumn("b", rows | {"b": np.array([0.05])}))
     page = tmp_path / "s.html"
     cases = [Row(name, name, document) for name, document in found.items()]
-    render_summary(cases, page, units_document([(group, columns)], alone))
+    render_summary(cases, page, units_document([(group, columns)], alone, [None]))
     html = page.read_text(encoding="utf-8")
     assert evil not in html and "<script" not in html
     expected = ("on all 2 units, alike", "+1.051 ± 0.013", "Which unit is this?")
