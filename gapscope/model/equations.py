@@ -52,7 +52,7 @@ class Cell:
         return cls(
             motion=int(design.rows.motion[rows[0]]),
             group=int(design.rows.group[rows[0]]),
-            recording=int(design.rows.recording[rows[0]]),
+            recording=int(design.rows.source[rows[0]]),
             rows=rows,
             root=root,
             right=x.T @ y,

@@ -214,6 +214,7 @@ class Rows(DecimatedSegments):
 
     Attributes:
         group, recording, segment: numbers of the group, of the recording and of the segment of each row, (M,).
+        source: number of the recording by its name, (M,): that a stream is of many shows what another motion misses.
         set_aside: which rows are set aside, mask (M,).
         group_of: number of the group of each segment.
         motion: number of the motion of each row, (M,): one that comes again in a group keeps its number.
@@ -255,6 +256,10 @@ class Rows(DecimatedSegments):
         self.first_columns: dict[Term, np.ndarray | None] = {}
         counts = [len(self.time(s)) for s in segments]
         self.recording = np.repeat(of_recording, counts)
+        # a stream has many recordings in one
+        every = [(k, s.recording) for k, s in zip(of_recording, segments, strict=True)]
+        number = {one: k for k, one in enumerate(dict.fromkeys(every))}
+        self.source = np.repeat([number[one] for one in every], counts)
         self.segment = np.repeat(np.arange(len(segments)), counts)
         self.group = np.repeat(self.group_of, counts)
         self.set_aside = self.recording >= taught
