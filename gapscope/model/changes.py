@@ -234,8 +234,6 @@ class _Spans:
             )
         # only what was learnt teaches; what is now shares a friction of its own
         told, now = tuple(self.groups[0]), tuple(self.groups[1])
-        # what another arm leaves is another matter
-        taught = self.learnt.taught if arm is self.learnt.about else None
         return Search(
             rows=self.rows,
             arm=arm,
@@ -246,7 +244,7 @@ class _Spans:
             asked=self.learnt.asked,
             together=[now],
             free=self.learnt.free,
-            taught=taught,
+            taught=self.learnt.taught,
         )
 
     def sets(self) -> list[tuple[int, ...]]:
@@ -669,15 +667,13 @@ def _by_torque(
             )
             if vain:
                 return told
-        # the next look is about what predicts best beside all that; a stream's stays as it was learnt
-        if learnt is None:
-            about = search.moved_by(step or fit)
+        # what is told beside all that is no form error
         torque = fit.torque
         if step is not None and left:
             # what comes and goes has two moments: where none of two is borne out, others lead farther astray
             if learnt is None and not borne_out and sum(map(len, ends)) > 1:
                 _, asked, likely = question(mine, ends)
-                borne_out = bool(asked.first(likely, torque).fit.mine)
+                borne_out = bool(asked.run(likely, torque).fit.mine)
                 if not borne_out:
                     return told
             left, new, torque = left - 1, True, step.torque
@@ -691,9 +687,6 @@ def _by_torque(
         if not mine or (learnt is None and not any(_ends(mine, count))):
             return told
         progress("asks what changed")
-        if learnt is not None:
-            # nothing of it is in what teaches
-            torque = 0.0
         spans, asked, likely = question(mine, ends)
         found, borne_out = asked.run(likely, torque), True
         settled = set(found.fit.mine) <= set(likely)

@@ -437,40 +437,11 @@ class Search:
             known: what some groups have in all likelihood, with about its values: ``arm`` predicts beside it.
             torque: what that does, over the joints' scale, (M, n).
         """
-        found = self.first(known, torque)
-        if len(self.sets) == 1 or not found.fit.mine:
-            return found
-        # each group by itself shows most; what it shows has to stand beside what one leaves of another as well
-        before = set(known or ())
-        for _ in range(ROUNDS):
-            if not found.fit.mine or set(found.fit.mine) == before:
-                break
-            before = set(found.fit.mine)
-            self.arm = self.moved_by(found.fit)
-            self._linearise(1, found.fit.torque, alike=True)
-            found = self._found_about_arm()
-        return found
-
-    def first(
-        self, known: Mapping[Candidate, np.ndarray] | None, torque: np.ndarray | float
-    ) -> Difference:
-        """The same about one arm, which what is found may move: whether there is anything."""
         # beside what is known groups are alike, so that each predicts the others
         if known:
             self._linearise(1, torque, alike=True)
         else:
             self._linearise(ROUNDS)
-        return self._found_about_arm()
-
-    def moved_by(self, fit: Fit) -> FreeArm:
-        """The arm that predicts best beside what groups have of their own."""
-        made = fit.contrast.design
-        shared, _ = fit.own.nuisances(fit.answer.values)
-        # the arm takes what is possible; the rest stays a part of the gap
-        return moved(self.arm, made, possible(self.arm, made, shared))
-
-    def _found_about_arm(self) -> Difference:
-        """The best hypothesis about the arm, and those that compete."""
         best = self._best()
         # sets that were promised compete as well as those that were fitted
         least = self._totals[frozenset()]
@@ -501,11 +472,11 @@ class Search:
             if left >= least:
                 break
             self.arm, self._about, self._first, least = arm, arm, first, left
-            # rows that say nothing are zero
-            counts = self.rows.measured > 0
-            left_over = replace(first.design, gap=first.design.gap - known * counts)
-            beside = Equations.of(left_over) if np.any(known) else first
             if self.taught is None:
+                # rows that say nothing are zero
+                gap = first.design.gap - known * (self.rows.measured > 0)
+                left_over = replace(first.design, gap=gap)
+                beside = Equations.of(left_over) if np.any(known) else first
                 self._taught = learn(beside, self.taught_by, alike=alike)
             else:
                 # what was learnt of this arm before goes over to these columns by term

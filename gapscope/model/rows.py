@@ -258,8 +258,8 @@ class Rows(DecimatedSegments):
         self.recording = np.repeat(of_recording, counts)
         # a stream has many recordings in one
         every = [(k, s.recording) for k, s in zip(of_recording, segments, strict=True)]
-        number = {one: k for k, one in enumerate(dict.fromkeys(every))}
-        self.source = np.repeat([number[one] for one in every], counts)
+        names = list(dict.fromkeys(every))
+        self.source = np.repeat([names.index(one) for one in every], counts)
         self.segment = np.repeat(np.arange(len(segments)), counts)
         self.group = np.repeat(self.group_of, counts)
         self.set_aside = self.recording >= taught
