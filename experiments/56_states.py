@@ -20,7 +20,6 @@ Resumable: run it again for the rest; each diagnosis has a result file.
 from __future__ import annotations
 
 import itertools
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -48,12 +47,10 @@ from gapscope.blind_check.generator.simulate import Conditions
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.blind_check.scoring import Named, matched, named, same
 from gapscope.diagnosis.agreement import DIFFERS, agreement
-from gapscope.diagnosis.prepare import silent
+from gapscope.diagnosis.compare_units import FleetUnit, unit_differences
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.many.batch import Batch, diagnose_all
 from gapscope.model.changes import PLAIN_FRICTION
 from gapscope.reports.pages import PageSection as Table
-from gapscope.terminal import console
 from gapscope.watching.detector import ALARM, MISFIT, WatchSettings
 from gapscope.watching.watch import Watch
 
@@ -320,18 +317,15 @@ def watched(case: Path, reference: Path | None) -> dict[str, Any]:
 
 
 def compared(case: Path, reference: Path | None) -> dict[str, Any]:
-    """What one unit has alone, of those that each recording is."""
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder)
-        paths = tuple(case.parent / "units" / unit for unit in UNITS)
-        with console.capture():
-            diagnose_all(Batch(paths, out), silent)
-        group = read_json(out / "units.json", "a group of units")["groups"][0]
+    """What one unit has of its own, of those that each recording is."""
+    folder = case.parent / "units"
+    units = [FleetUnit(unit, folder / unit, folder) for unit in UNITS]
+    own = unit_differences(units)
     effects = [
         entry | {"effect": named_effect(entry["what"]), "recording": entry["unit"]}
-        for entry in group["differences"]
+        for entry in own or ()
     ]
-    return {"effects": effects, "verdict": f"{len(group['units'])} units"}
+    return {"effects": effects, "verdict": "" if own is not None else "not compared"}
 
 
 ASKED = {"agree": agreed, "watch": watched, "units": compared}

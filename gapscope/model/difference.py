@@ -803,8 +803,8 @@ class Search:
             return term in self.found or term.is_load
         searched = bool(term.parametrisation.nonlinear)
         if self.together is not None:
-            # at work an arm is not built anew
-            return not (searched or term.definition.built_in)
+            # at work nothing is built anew, nor bends otherwise; a driver may be late from then on
+            return not searched and (term.definition.delays or not lasts(term))
         return bool(self.days) or not (lasts(term) or searched)
 
     def _larger(
