@@ -667,8 +667,8 @@ def _by_torque(
             )
             if vain:
                 return told
-        # what is told beside all that is no form error
-        torque = fit.torque
+        # the next look is about what predicts best beside all that, and that is no form error
+        about, torque = search.arm, fit.torque
         if step is not None and left:
             # what comes and goes has two moments: where none of two is borne out, others lead farther astray
             if learnt is None and not borne_out and sum(map(len, ends)) > 1:
