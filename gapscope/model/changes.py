@@ -688,7 +688,9 @@ def _by_torque(
             return told
         progress("asks what changed")
         spans, asked, likely = question(mine, ends)
-        found, borne_out = asked.run(likely, torque), True
+        # noise of a stream is known, and its rows are others
+        found = asked.run(likely, 0.0 if learnt else torque)
+        borne_out = True
         settled = set(found.fit.mine) <= set(likely)
         # what joined without having been asked gets a moment by another look
         if left and not settled:

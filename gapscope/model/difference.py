@@ -41,6 +41,7 @@ from gapscope.model.design import (
     moved,
     moving,
     possible,
+    takeable,
 )
 from gapscope.model.equations import (
     SETTLED,
@@ -482,8 +483,8 @@ class Search:
             # what is known is left out of noise alone: the equations keep the whole gap
             self._first = replace(first, design=self._taught.primed(first.design))
             if count + 1 < times:
-                primed = self._taught.primed(beside.design)
-                arm = moved(arm, primed, self._shared(replace(beside, design=primed)))
+                made = takeable(beside.design)
+                arm = moved(arm, made, self._shared(replace(beside, design=made)))
 
     def _best(self) -> Fit:
         """The best hypothesis about the arm."""
