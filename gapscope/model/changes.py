@@ -667,8 +667,8 @@ def _by_torque(
             )
             if vain:
                 return told
-        # the next look is about what predicts best beside all that, and that is no form error
-        about, torque = search.arm, fit.torque
+        # what is told beside all that is no form error
+        torque = fit.torque
         if step is not None and left:
             # what comes and goes has two moments: where none of two is borne out, others lead farther astray
             if learnt is None and not borne_out and sum(map(len, ends)) > 1:
@@ -688,9 +688,7 @@ def _by_torque(
             return told
         progress("asks what changed")
         spans, asked, likely = question(mine, ends)
-        # noise of a stream is known, and its rows are others
-        found = asked.run(likely, 0.0 if learnt else torque)
-        borne_out = True
+        found, borne_out = asked.run(likely, torque), True
         settled = set(found.fit.mine) <= set(likely)
         # what joined without having been asked gets a moment by another look
         if left and not settled:

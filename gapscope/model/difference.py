@@ -311,7 +311,7 @@ class Search:
 
     def unchanged(self) -> float:
         """Log probability of the data if no group has anything of its own [nats], but for a constant."""
-        self._linearise()
+        self._linearise(ROUNDS)
         self._prepare()
         return self._fit((), {}, {}).total
 
@@ -324,7 +324,8 @@ class Search:
             known: with about its values.
             torque: what it does, over the joints' scale, (M, n): it is no form error.
         """
-        self._linearise(torque)
+        # once: from look to look the caller moves the arm
+        self._linearise(1, torque)
         self._prepare()
         fit = self.with_some(list(known), known)
         one, gain = self._most_promising(fit)
@@ -438,7 +439,10 @@ class Search:
             torque: what that does, over the joints' scale, (M, n).
         """
         # beside what is known groups are alike, so that each predicts the others
-        self._linearise(torque, alike=bool(known))
+        if known:
+            self._linearise(1, torque, alike=True)
+        else:
+            self._linearise(ROUNDS)
         best = self._best()
         # sets that were promised compete as well as those that were fitted
         least = self._totals[frozenset()]
@@ -450,32 +454,30 @@ class Search:
         return Weigher(own, self.arm, self._charges, self.belief)
 
     def _linearise(
-        self, known: np.ndarray | float = 0.0, *, alike: bool = False
+        self, times: int, known: np.ndarray | float = 0.0, *, alike: bool = False
     ) -> None:
         """Columns about what all share, noise and form error; the arm moves while that makes it predict better.
 
         Args:
+            times: linearisations, at most.
             known: torque of what groups have of their own, over the joints' scale, (M, n).
             alike: whether they are alike in all else.
         """
         arm, least = self.arm, np.inf
-        # an arm that was learnt stays
-        times = ROUNDS if self.taught is None else 1
         for count in range(times):
             first = Equations.of(design(self.rows, arm, {}))
-            beside = first
-            if np.any(known):
-                # rows that say nothing are zero
-                gap = first.design.gap - known * (self.rows.measured > 0)
-                beside = Equations.of(replace(first.design, gap=gap))
-            gap = beside.design.gap[np.isin(self.rows.group, self.basis)]
+            gap = first.design.gap[np.isin(self.rows.group, self.basis)]
             # a product over joints: to halve what is left counts alike on each
             left = float(np.log((gap**2).mean(axis=0) + MIN_TORQUE**2).sum())
             # what is shared stays linear there: columns that cancel lead astray
             if left >= least:
                 break
-            self.arm, self._about, least = arm, arm, left
+            self.arm, self._about, self._first, least = arm, arm, first, left
             if self.taught is None:
+                # rows that say nothing are zero
+                gap = first.design.gap - known * (self.rows.measured > 0)
+                left_over = replace(first.design, gap=gap)
+                beside = Equations.of(left_over) if np.any(known) else first
                 self._taught = learn(beside, self.taught_by, alike=alike)
             else:
                 # what was learnt of this arm before goes over to these columns by term
@@ -483,8 +485,7 @@ class Search:
             # what is known is left out of noise alone: the equations keep the whole gap
             self._first = replace(first, design=self._taught.primed(first.design))
             if count + 1 < times:
-                made = takeable(beside.design)
-                arm = moved(arm, made, self._shared(replace(beside, design=made)))
+                arm = moved(arm, first.design, self._shared())
 
     def _best(self) -> Fit:
         """The best hypothesis about the arm."""
@@ -523,10 +524,10 @@ class Search:
         best = replace(fit, answer=answer, total=total, contrast=contrast, own=own)
         return replace(fit, total=total, better=best)
 
-    def _shared(self, equations: Equations) -> np.ndarray:
+    def _shared(self) -> np.ndarray:
         """Likeliest values of what is shared that the arm can take, (P,): beside those at a bound the others differ."""
-        made = equations.design
-        contrast = Contrast(equations, self._taught, ())
+        made = takeable(self._first.design)
+        contrast = Contrast(replace(self._first, design=made), self._taught, ())
         held = np.full(made.size, np.nan)
         while True:
             # others may have changed

@@ -394,7 +394,7 @@ class SheetSearch(Search):
     def _prepared(self, torque: np.ndarray | float) -> None:
         """Noise, form error and columns beside what is known."""
         first = self._wide is None
-        self._linearise(torque)
+        self._linearise(1, torque)
         self._prepare()
         if first:
             # once: what the arm of the data sheet predicts does not change
@@ -408,7 +408,7 @@ class SheetSearch(Search):
         if first and self._found and (self._taught.white2 > VISIBLE_EFFECT**2).any():
             # what a law with a searched form does is no noise
             self._wide = None
-            self._linearise(torque)
+            self._linearise(1, torque)
             self._prepare()
         fit = self._searched_about(known)
         likeliest = max(fit.levels, key=lambda error: fit.levels[error].total)
@@ -440,7 +440,7 @@ class SheetSearch(Search):
         return np.asarray(self._wide.design.gap - _left(fit))
 
     def _linearise(
-        self, known: np.ndarray | float = 0.0, *, alike: bool = False
+        self, times: int, known: np.ndarray | float = 0.0, *, alike: bool = False
     ) -> None:
         """Columns about the data sheet, noise and form error beside what is known."""
         if self._wide is None:
@@ -754,7 +754,7 @@ class SheetSearch(Search):
             torque = self._torque(fit) + gap.added(term, values)
             # noise beside the values, values beside that noise, and once more
             for _ in range(2):
-                self._linearise(torque)
+                self._linearise(1, torque)
                 self._prepare()
                 larger = self.with_some(list(known), known)
                 known, torque = larger.values, self._torque(larger)
