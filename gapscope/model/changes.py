@@ -660,13 +660,10 @@ def _by_torque(
                 about, torque = between.arm, between.fit.torque
                 continue
         told = _Told(None, looked, {}, between, fit, search)
-        if learnt is not None:
-            # more noise makes all further questions vain
-            vain = (
-                bool(_louder(fit, float(np.log(learnt.asked)))) if new else step is None
-            )
-            if vain:
-                return told
+        # nothing new in a stream, or more noise, which makes all further questions vain
+        ended = step is None or not left
+        if learnt and ended and (not new or _louder(fit, float(np.log(learnt.asked)))):
+            return told
         # what is told beside all that is no form error
         torque = fit.torque
         if step is not None and left:

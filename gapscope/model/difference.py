@@ -804,8 +804,9 @@ class Search:
             return term in self.found or term.is_load
         searched = bool(term.parametrisation.nonlinear)
         if self.together is not None:
-            # at work nothing is built anew, nor bends otherwise; a driver may be late from then on
-            return not searched and (term.definition.delays or not lasts(term))
+            # nothing is built anew, nor bends otherwise; at work a driver may be late from some moment on
+            late = self.taught is not None and term.definition.delays
+            return not searched and (late or not lasts(term))
         return bool(self.days) or not (lasts(term) or searched)
 
     def _larger(
