@@ -109,6 +109,18 @@ def test_once_reads_a_folder_that_was_just_copied_and_counts_what_it_read(
     assert "0 recordings read" in run(logs, "--case", *options)
 
 
+def test_once_says_what_changed_in_a_log_of_a_few_seconds(
+    at_work: Any, write_csv: Write, case: Path, tmp_path: Path
+) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    write_csv(at_work.recording(26.0), logs / "a.csv")
+    loaded = replace(at_work, change=0.0).recording(10.0, start=40.0, load=2.0)
+    write_csv(loaded, logs / "b.csv")
+    said = run(logs, "--case", case, "--learn", 20, "--once", "--rest", 1)
+    assert "a load was picked up" in said and "of b.csv: mass +" in said, said
+
+
 def test_once_reads_a_log_to_its_end(
     at_work: Any, write_csv: Write, case: Path, tmp_path: Path
 ) -> None:
