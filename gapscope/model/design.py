@@ -591,19 +591,6 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     )
 
 
-def takeable(made: Design) -> Design:
-    """A design with a prior for what ``moved`` takes into an arm alone.
-
-    Beside unknown functions, which no arm has, bodies may have any value that these take back.
-    """
-    n = made.rows.torque.shape[1]
-    prior = np.zeros(made.size)
-    prior[: 10 * n] = made.prior[: 10 * n]
-    for term in _linear(made):
-        prior[made.places[term]] = made.prior[made.places[term]]
-    return replace(made, prior=prior)
-
-
 def possible(arm: FreeArm, made: Design, value: np.ndarray) -> np.ndarray:
     """Values of what is shared, (P,), as far as the arm can take them."""
     out, theta = value.copy(), arm.theta.copy()

@@ -41,7 +41,6 @@ from gapscope.model.design import (
     moved,
     moving,
     possible,
-    takeable,
 )
 from gapscope.model.equations import (
     SETTLED,
@@ -443,6 +442,25 @@ class Search:
             self._linearise(1, torque, alike=True)
         else:
             self._linearise(ROUNDS)
+        found = self._found_about_arm()
+        if known or self.together or len(self.sets) == 1:
+            return found
+        # each recording by itself shows most; what it shows has to stand beside what one leaves of another as well
+        before: set[Candidate] = set()
+        for _ in range(ROUNDS):
+            if not found.fit.mine or set(found.fit.mine) == before:
+                break
+            before = set(found.fit.mine)
+            made = found.fit.contrast.design
+            shared, _ = found.fit.own.nuisances(found.fit.answer.values)
+            # the arm takes what is possible; the rest stays a part of the gap
+            self.arm = moved(self.arm, made, possible(self.arm, made, shared))
+            self._linearise(1, found.fit.torque, alike=True)
+            found = self._found_about_arm()
+        return found
+
+    def _found_about_arm(self) -> Difference:
+        """The best hypothesis about the arm, and those that compete."""
         best = self._best()
         # sets that were promised compete as well as those that were fitted
         least = self._totals[frozenset()]
@@ -526,8 +544,8 @@ class Search:
 
     def _shared(self) -> np.ndarray:
         """Likeliest values of what is shared that the arm can take, (P,): beside those at a bound the others differ."""
-        made = takeable(self._first.design)
-        contrast = Contrast(replace(self._first, design=made), self._taught, ())
+        made = self._first.design
+        contrast = Contrast(self._first, self._taught, ())
         held = np.full(made.size, np.nan)
         while True:
             # others may have changed

@@ -19,7 +19,7 @@ from synthetic import (
 
 from gapscope.arm.recording import Recording
 from gapscope.model.changes import Change, changes_of, own_of_units
-from gapscope.model.design import design, fitted_arm, moved, possible, takeable
+from gapscope.model.design import design, fitted_arm
 from gapscope.model.difference import Difference, Search, is_within
 from gapscope.model.equations import Equations, learn
 from gapscope.model.rows import MIN_MOTIONS, Rows
@@ -88,20 +88,6 @@ def test_one_unit_has_something_of_its_own():
     assert (found["unit"], found["what"]) == ("arm 3", "torque_scale")
     assert found["joints"] == [2]
     assert found["parameters"]["scale"]["value"] == pytest.approx(0.15, rel=0.15)
-
-
-def test_an_arm_moves_by_what_it_takes_whatever_else_is_unknown():
-    rows = Rows.recorded([list(day(HEALTHY, 1))])
-    arm = fitted_arm(rows, vendor(), {0})
-    made = takeable(design(rows, arm, {}))
-    # what moves nothing here may have any value
-    seen = np.isin(np.arange(made.size), np.concatenate(made.active))
-    value = possible(arm, made, 0.01 * made.prior * seen)
-    step = made.shared_torque(value)
-    after = design(rows, moved(arm, made, value), {})
-    # laws of friction bend a little
-    assert np.abs(made.gap - step - after.gap).max() < 0.1 * np.abs(step).max()
-    assert not any(made.prior[some].any() for joint in made.waves for some in joint)
 
 
 class Stopping:
