@@ -42,7 +42,7 @@ MEANING = {
     SOME: "several units have it, not all",
     ONE: "this unit differs from the others",
 }
-ALIKE = "named here alone, but the recordings of the units do not differ in it"
+ALIKE = "named here alone; others may have it as well, too small to be named"
 OWN = "What a unit has of its own, beside what all share"
 OWN_HEAD = ("unit", "effect", "size", "probability")
 _SHEET = {"urdf": "URDF", "torque_limit": "torque limits"} | {

@@ -487,7 +487,9 @@ class Watch:
                 break
             if not new:
                 time.sleep(self.settings.poll)
-        yield from self._said(self.detector.last_look())
+        # asked to stop it stops at once: the next run goes on
+        if not stopped():
+            yield from self._said(self.detector.last_look())
         self._save()
         failure = self._reading.failure
         # an end without anything that could be read is a failure of the source

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -96,13 +97,20 @@ def test_restarted_watch_says_the_same_as_one_that_ran_through(
         jsonschema.validate(entry, schema("event"))
 
 
+def folder_of(write_csv: Write, tmp_path: Path, *recordings: Recording) -> Path:
+    """A folder with a log of each."""
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for name, recording in zip("ab", recordings, strict=True):
+        write_csv(recording, logs / f"{name}.csv")
+    return logs
+
+
 def test_once_reads_a_folder_that_was_just_copied_and_counts_what_it_read(
     at_work: Any, write_csv: Write, case: Path, tmp_path: Path
 ) -> None:
-    logs = tmp_path / "logs"
-    logs.mkdir()
-    write_csv(at_work.recording(24.0), logs / "a.csv")
-    write_csv(at_work.recording(8.0, start=40.0), logs / "b.csv")
+    both = at_work.recording(24.0), at_work.recording(8.0, start=40.0)
+    logs = folder_of(write_csv, tmp_path, *both)
     options = (case, "--learn", 20, "--once", "--rest", 1, "--out", tmp_path / "out")
     assert "2 recordings read" in run(logs, "--case", *options)
     # nothing new is no failure of a later run
@@ -112,13 +120,11 @@ def test_once_reads_a_folder_that_was_just_copied_and_counts_what_it_read(
 def test_once_says_what_changed_in_a_log_of_a_few_seconds(
     at_work: Any, write_csv: Write, case: Path, tmp_path: Path
 ) -> None:
-    logs = tmp_path / "logs"
-    logs.mkdir()
-    write_csv(at_work.recording(26.0), logs / "a.csv")
     loaded = replace(at_work, change=0.0).recording(10.0, start=40.0, load=2.0)
-    write_csv(loaded, logs / "b.csv")
+    logs = folder_of(write_csv, tmp_path, at_work.recording(26.0), loaded)
     said = run(logs, "--case", case, "--learn", 20, "--once", "--rest", 1)
-    assert "a load was picked up" in said and "of b.csv: mass +" in said, said
+    found = re.search(r"a load was picked up at .* of b.csv: mass \+([\d.]+)", said)
+    assert found and float(found[1]) == pytest.approx(2.0, abs=0.2), said
 
 
 def test_once_reads_a_log_to_its_end(

@@ -281,7 +281,7 @@ def test_units_in_words(content: dict[str, Any]) -> None:
         ("b", "Friction of joint 5", "coulomb 1.000 ± 0.010 N m", percent(0.99))
     ]
     meaning = {f["place"]: f["meaning"] for f in findings(group)}
-    # of joint 2 the recordings say nothing of the kind
+    # of joint 2 the recordings show nothing of the kind
     assert meaning["joint 5"] != ALIKE == meaning["joint 2"]
     assert heading(group) == (
         "Effects found: none is shared by all units; 2 on some units and 1 on one unit alone."
