@@ -344,11 +344,8 @@ def design(
     """
     n = arm.arm.n_joints
     terms = Terms(n, dict(shapes), arm.arm.coupled_motors)
-    every_part = [_part(rows, k, arm, terms, only) for k in range(len(rows.segments))]
-    bodies_of, parts = zip(*every_part, strict=True)
-    matrices, inertial, forces, gaps = zip(*parts, strict=True)
-    scale = rows.scale[:, None]
-    bodies, matrix = np.concatenate(inertial) / scale, np.concatenate(matrices) / scale
+    bodies_of, whole = _of_all_segments(rows, arm, terms, only)
+    matrix, bodies = whole.terms, whole.inertial
     # columns, the prior of what is shared, and whether a motion may have a value of its own
     blocks = [(bodies * inertial_scale(arm.body), np.full(10 * n, BODIES), False)]
     places, used, usual, count = {}, {}, {}, 10 * n
@@ -376,28 +373,28 @@ def design(
         count += len(unit)
         prior = _shared(term, unit, usual[term])
         # free bodies and free torque constants cannot be told apart: torque counts as the strongest joint records it
-        if "scale" in effect.quantities.values() and j == np.argmax(scale):
+        if "scale" in effect.quantities.values() and j == np.argmax(rows.scale):
             prior = np.zeros(len(unit))
         # a push has columns of its own, a limit shows in the torque itself
         is_form = not (isinstance(effect, External) or effect.limits)
         blocks.append((x / unit, prior, is_form))
     # pushes in parts of a motion: what form error can do to a force
-    push = np.concatenate(forces) / scale
-    push, part = (
-        push / np.maximum(_largest(push), MIN_TORQUE**2),
-        rows.part_of_motion(PUSHES),
-    )
+    push = whole.force / np.maximum(_largest(whole.force), MIN_TORQUE**2)
+    part = rows.part_of_motion(PUSHES)
     for k in range(PUSHES):
         blocks.append((push * (part == k)[:, None, None], np.zeros(3), True))
     if rows.warmth is not None:
         blocks += _warm(arm, rows.warmth, matrix, terms)
-    whole = np.concatenate([x for x, *_ in blocks], axis=2) * rows.trust[:, :, None]
-    active = [
-        np.flatnonzero((whole[:, j] ** 2).mean(axis=0) > MIN_TORQUE**2)
-        for j in range(n)
-    ]
+    every, active = [], []
+    for j in range(n):
+        # joint by joint: all columns of all joints twice over is most of what a diagnosis needs of memory
+        x = np.hstack([block[:, j] for block, *_ in blocks]) * rows.trust[:, j, None]
+        some = np.flatnonzero((x**2).mean(axis=0) > MIN_TORQUE**2)
+        every.append(x[:, some])
+        active.append(some)
     # waves come last, each joint's behind those of the joint before
-    size, waves, every = whole.shape[2], [], []
+    size = sum(len(prior) for _, prior, _ in blocks)
+    waves, first_wave = [], size
     of_joints, of_arm = _waves(rows)
     for j, some in enumerate(active):
         both = [x * rows.trust[:, j, None] for x in (of_joints[j], of_arm)]
@@ -405,20 +402,20 @@ def design(
         mine = [np.arange(a, b) for a, b in pairwise(counts.tolist())]
         size = int(counts[-1])
         waves.append(mine)
-        every.append(np.hstack([whole[:, j, some], *both]))
+        every[j] = np.hstack([every[j], *both])
         active[j] = np.concatenate([some, *mine])
     # without a prior until noise is learnt: ``FormError.primed`` gives them theirs
-    blocks.append((whole[:, :, :0], np.zeros(size - whole.shape[2]), False))
+    blocks.append((matrix[:, :, :0], np.zeros(size - first_wave), False))
     return Design(
         rows=rows,
-        bodies=list(bodies_of),
+        bodies=bodies_of,
         terms=terms,
         places=places,
         units=used,
         usual=usual,
         columns=every,
         active=active,
-        gap=np.concatenate(gaps) / rows.scale * rows.trust,
+        gap=whole.gap * rows.trust,
         prior=np.concatenate([prior for _, prior, _ in blocks]),
         taken=_taken(arm, places, used, size),
         own=np.concatenate([np.full(len(prior), own) for _, prior, own in blocks]),
@@ -453,6 +450,20 @@ def _warm(
 def is_day_friction(term: Term) -> bool:
     """Whether a term is friction as a data sheet has it, which differs from day to day."""
     return term.parametrisation.data_sheet is not None and not term.definition.built_in
+
+
+def _of_all_segments(
+    rows: Rows, arm: FreeArm, terms: Terms, only: Collection[str] | None
+) -> tuple[list[Bodies], PartOfDesign]:
+    """What a design takes of all segments, one after the other, over the joints' scale [1]."""
+    count = len(rows.segments)
+    parts = [_part(rows, k, arm, terms, only) for k in range(count)]
+    fields = zip(*(part for _, part in parts), strict=True)
+    whole = PartOfDesign(*map(np.concatenate, fields))
+    for x in whole:
+        # joints are the second axis
+        x /= rows.scale.reshape(-1, *(1,) * (x.ndim - 2))
+    return [bodies for bodies, _ in parts], whole
 
 
 def _part(

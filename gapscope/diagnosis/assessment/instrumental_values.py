@@ -41,7 +41,7 @@ def instrumented(
     rows = None if commanded is None else made.rows.moved_as(commanded)
     if rows is None or not values:
         return {}
-    by_commands = searching.design_on(rows)
+    by_commands = searching.design_on(rows, {one.effect for one in values})
     bodies = 10 * searching.arm.arm.n_joints
     measured = _columns(searching, made, values, bodies)
     instruments = _columns(searching, by_commands, values, bodies)
