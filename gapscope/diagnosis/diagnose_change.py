@@ -61,7 +61,7 @@ from gapscope.effects.effect import LinkChange
 from gapscope.ident.model.physical_parameters import nearest_possible, urdf_text
 from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import Segment
-from gapscope.model.design import BODIES, FreeArm, design, fitted_arm, moved
+from gapscope.model.design import BODIES, FreeArm, design, fitted_arm, moved, nearest
 from gapscope.model.difference import Search
 from gapscope.model.equations import Equations, learn
 from gapscope.model.expected import expected_entries
@@ -611,7 +611,9 @@ class ReferenceComparison(Document):
         """The arm that predicts the reference, and the case but for its changes and what differs from day to day."""
         # values shared by both groups: the day of either is left out
         shared, _ = self.fit.own.nuisances(self.values)
-        return moved(self.difference.arm, self.fit.contrast.design, shared)
+        arm, contrast = self.difference.arm, self.fit.contrast
+        made, noise2 = contrast.design, contrast.error.noise2
+        return moved(arm, made, nearest(arm, made, shared, noise2))
 
     @cached_property
     def possible_arm(self) -> PossibleArm:
