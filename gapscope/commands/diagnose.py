@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -59,9 +60,10 @@ def diagnose(
         result, paths = diagnose_path(case, out, progress, against=against)
     show(result, *paths)
     if against is not None:
+        identified, corrected = (shlex.quote(str(out / x)) for x in (CASE, CORRECTED))
         say(
             "to predict with what was found: "
-            f"gapscope predict {out / CASE} --model {out / CORRECTED} ..."
+            f"gapscope predict {identified} --model {corrected} ..."
         )
     for action in actions(result.diagnosis, out):
         # all else is said above

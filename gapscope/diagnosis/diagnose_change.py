@@ -61,8 +61,8 @@ from gapscope.effects.effect import LinkChange
 from gapscope.ident.model.physical_parameters import nearest_possible, urdf_text
 from gapscope.ident.model.regressor import Regressor
 from gapscope.model.conditioning import Segment
-from gapscope.model.design import BODIES, FreeArm, design, fitted_arm, moved, nearest
-from gapscope.model.difference import Search
+from gapscope.model.design import BODIES, FreeArm, design, fitted_arm, moved, untaken
+from gapscope.model.difference import Search, takeable
 from gapscope.model.equations import Equations, learn
 from gapscope.model.expected import expected_entries
 from gapscope.model.rows import Rows
@@ -566,8 +566,8 @@ def check_same_arm(case: Case, reference: Case) -> None:
 
 FAULTY = 0.01
 """Probability that the set-up of a case has a fault that the reference does not have [1]."""
-CASE = 1
-"""Number of the group of the case; that of the reference is 0."""
+REFERENCE, CASE = 0, 1
+"""Numbers of the groups."""
 SCALED = (
     "masses are measured with the torque of the reference: were its torque constants wrong by a factor on all joints, "
     "the identified masses and the load found would be wrong by the same factor"
@@ -609,11 +609,11 @@ class ReferenceComparison(Document):
     @cached_property
     def free(self) -> FreeArm:
         """The arm that predicts the reference, and the case but for its changes and what differs from day to day."""
-        # values shared by both groups: the day of either is left out
-        shared, _ = self.fit.own.nuisances(self.values)
         arm, contrast = self.difference.arm, self.fit.contrast
-        made, noise2 = contrast.design, contrast.error.noise2
-        return moved(arm, made, nearest(arm, made, shared, noise2))
+        made = contrast.design
+        # an arm has no unknown functions: what they would do is shared out among the others
+        held = np.where(untaken(made), 0.0, np.nan)
+        return moved(arm, made, takeable(contrast, arm, (REFERENCE,), held))
 
     @cached_property
     def possible_arm(self) -> PossibleArm:

@@ -167,6 +167,8 @@ def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
     """
     path = Path(path)
     content, entries, _ = _parsed(path)
+    if "corrects" in content:
+        _check_arm(arm, path, path.parent / content["corrects"])
     effects, states = _last(entries, content), _states(entries, content)
     # part of the arm, not an effect: dry friction builds up over it
     if content.get("presliding") is not None:
@@ -184,6 +186,19 @@ def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
     with error_context(path, effects):
         corrected.check()
     return corrected
+
+
+def _check_arm(arm: NominalArm, path: Path, case: Path) -> None:
+    """Warn if an arm is not the one from which the effects of a file count, that of the case beside it."""
+    if not case.is_file():
+        return
+    robot = case.parent / str(read_yaml(case, "check the path").get("robot"))
+    if robot.is_file() and robot.read_bytes() != arm.urdf.read_bytes():
+        warnings.warn(
+            f"{path}: its effects count from the arm of {case.name} beside it, not from {arm.urdf}: give that case",
+            ModelWarning,
+            stacklevel=3,
+        )
 
 
 def _parsed(

@@ -614,45 +614,6 @@ def possible(arm: FreeArm, made: Design, value: np.ndarray) -> np.ndarray:
     return out
 
 
-def nearest(
-    arm: FreeArm, made: Design, value: np.ndarray, noise2: np.ndarray
-) -> np.ndarray:
-    """Values of what is shared, (P,), that an arm can take, with the torque that is nearest to that of given ones.
-
-    An arm has no unknown functions, and its effects have bounds. What that takes from the torque the other values make
-    up for, as far as they can, v_f = value_f + N_ff^-1 N_fc (value_c - v_c) with the precision N of all of them. So two
-    effects that do the same, one of which would be beyond its bound, leave no part of the other behind.
-
-    Args:
-        arm: about which the columns are.
-        made: the columns.
-        value: of what is shared, without bounds.
-        noise2: variance of the noise of each joint, over the square of its scale [1], (n,).
-    """
-    prior, size = made.prior, made.size
-    precision = np.zeros((size, size))
-    for x, active, variance in zip(made.columns, made.active, noise2, strict=True):
-        precision[np.ix_(active, active)] += x.T @ x / variance
-    linear = [made.places[term] for term in _linear(made)]
-    free = np.isin(
-        np.arange(size), np.concatenate([np.arange(10 * arm.arm.n_joints), *linear])
-    )
-    free &= prior > 0
-    precision[free, free] += prior[free] ** -2.0
-    out = np.zeros(size)
-    while True:
-        missing = precision[np.ix_(free, ~free)] @ (value - out)[~free]
-        further = np.linalg.solve(precision[np.ix_(free, free)], missing)
-        out[free] = value[free] + further
-        inside = possible(arm, made, out)
-        beyond = free & ~np.isclose(inside, out)
-        if not beyond.any():
-            return out
-        # at their bounds they stay
-        out[beyond] = inside[beyond]
-        free &= ~beyond
-
-
 def moved(arm: FreeArm, made: Design, value: np.ndarray) -> FreeArm:
     """The arm with values of what is shared, (P,), taken into it.
 
@@ -672,6 +633,15 @@ def moved(arm: FreeArm, made: Design, value: np.ndarray) -> FreeArm:
         theta=made.terms.clipped(theta),
         taken=(before[0] + bodies, terms),
     )
+
+
+def untaken(made: Design) -> np.ndarray:
+    """Mask of what is shared that no arm takes, (P,): unknown functions, and terms that stay linear."""
+    out = np.ones(made.size, dtype=bool)
+    out[: 10 * made.gap.shape[1]] = False
+    for term in _linear(made):
+        out[made.places[term]] = False
+    return out
 
 
 def _linear(made: Design) -> list[Term]:

@@ -234,6 +234,31 @@ class Difference:
         return np.asarray(np.sqrt((torque[mine] ** 2).mean(axis=0)))
 
 
+def takeable(
+    contrast: Contrast, arm: FreeArm, groups: Collection[int], held: np.ndarray
+) -> np.ndarray:
+    """Likeliest values of what is shared that an arm can take, by what some groups say, (P,).
+
+    Beside values at a bound the others differ, so that of two effects that do the same none is left behind by one that
+    would be beyond it.
+
+    Args:
+        contrast: of the groups.
+        arm: about which its columns are.
+        groups: the groups.
+        held: values that are what they are, (P,); not a number for all others.
+    """
+    held = held.copy()
+    while True:
+        value = contrast.values_of(groups, held)
+        inside = possible(arm, contrast.design, value)
+        # what runs into a bound is held there, and the others are fitted again
+        beyond = np.isnan(held) & (np.abs(inside - value) > MIN_TORQUE)
+        if not beyond.any():
+            return inside
+        held[beyond] = inside[beyond]
+
+
 @dataclass
 class Search:
     """The search for what groups have of their own.
@@ -503,7 +528,10 @@ class Search:
             # what is known is left out of noise alone: the equations keep the whole gap
             self._first = replace(first, design=self._taught.primed(first.design))
             if count + 1 < times:
-                arm = moved(arm, first.design, self._shared())
+                contrast = Contrast(self._first, self._taught, ())
+                free = np.full(first.design.size, np.nan)
+                value = takeable(contrast, arm, self.basis, free)
+                arm = moved(arm, first.design, value)
 
     def _best(self) -> Fit:
         """The best hypothesis about the arm."""
@@ -541,21 +569,6 @@ class Search:
             return fit
         best = replace(fit, answer=answer, total=total, contrast=contrast, own=own)
         return replace(fit, total=total, better=best)
-
-    def _shared(self) -> np.ndarray:
-        """Likeliest values of what is shared that the arm can take, (P,): beside those at a bound the others differ."""
-        made = self._first.design
-        contrast = Contrast(self._first, self._taught, ())
-        held = np.full(made.size, np.nan)
-        while True:
-            # others may have changed
-            value = contrast.values_of(self.basis, held)
-            inside = possible(self.arm, made, value)
-            # what runs into a bound is held there, and the others are fitted again
-            beyond = np.isnan(held) & (np.abs(inside - value) > MIN_TORQUE)
-            if not beyond.any():
-                return inside
-            held[beyond] = inside[beyond]
 
     def _searched(self, fit: Fit) -> Fit:
         """Terms join as long as that makes the hypothesis better; then each is asked again, and others may join."""

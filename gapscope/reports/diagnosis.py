@@ -128,12 +128,14 @@ def actions(diagnosis: Diagnosis, folder: Path) -> list[Action]:
         # a base that hangs otherwise than the case says
         if "gravity" in entry:
             found.append(Action(MOUNTED, f"gravity: {gravity_text(entry)}"))
+    # with a reference effects count from its arm
+    counted = made(CASE) if "against" in document else case
     # while a cause is missing, a simulator with the others is no better known
     if diagnosis.effects and document["verdict"] != "unexplained":
         found.append(
             Action(
                 "Give the effects found to your simulator",
-                f"gapscope export {made(CORRECTED)} --case {case} --format mjcf --out arm.xml",
+                f"gapscope export {made(CORRECTED)} --case {counted} --format mjcf --out arm.xml",
             )
         )
     # of another arm there is no gap to look at

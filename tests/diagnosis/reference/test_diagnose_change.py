@@ -14,7 +14,7 @@ from synthetic import COULOMB, VISCOUS, Truth, recordings, vendor
 
 import gapscope
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
 from gapscope.arm.io.write_case import write_case
 from gapscope.diagnosis.diagnose_change import (
     SCALED,
@@ -22,6 +22,7 @@ from gapscope.diagnosis.diagnose_change import (
     diagnose_change,
     identify_reference,
 )
+from gapscope.effects.corrected_file import read_corrected_arm
 
 OFFSET = (0.6, -0.5, 0.2)
 """Torque offsets that the arm has on both days [N m]."""
@@ -128,6 +129,23 @@ def test_load_with_intervals_and_files_that_predict_what_was_recorded(
     for name in ("identified.urdf", "corrected.yaml"):
         assert (again / name).read_bytes() == (out / name).read_bytes()
     assert not (again / "identified").exists()
+
+
+def test_what_one_effect_cannot_take_another_of_the_arm_makes_up_for(tmp_path):
+    """A spring and an offset share a constant torque that a rest within its bounds cannot make."""
+    truth = replace(HEALTHY, offset=(0.6, -30.0, 0.2))
+    before, today, out = (tmp_path / name for name in ("reference", "case", "o"))
+    write_case(case(truth, 1, "reference"), before)
+    write_case(case(replace(truth, mass=1.2), 2), today)
+    gapscope.diagnose(today, against=before).save(out)
+    recorded = case(replace(truth, mass=1.2), 2).recordings[2]
+    file = out / "corrected.yaml"
+    found = gapscope.predict(out / "identified_case.yaml", "recording_2.csv", file)
+    left = (found.tau - recorded.tau)[100:-100]
+    assert np.sqrt((left**2).mean(axis=0)) == pytest.approx(0.0, abs=0.5)
+    # without the arm that was identified the file means another one
+    with pytest.warns(ModelWarning, match="identified_case.yaml"):
+        read_corrected_arm(vendor(), file)
 
 
 def test_reference_without_torque_or_too_short_is_refused():
