@@ -644,7 +644,10 @@ def _by_torque(
             fit = search.needed(fit)
         # what has no column about the moved arm, or cannot be beside the others, is none
         mine = {(one.term, looked.place(one)): fit.values[one] for one in fit.mine}
-        moments = [looked.moments(fit, one) for one in fit.mine]
+        # two that lie between the same moments become one
+        moments = {
+            (one.term, looked.place(one)): looked.moments(fit, one) for one in fit.mine
+        }
         whole_ones = [tuple(some) for some in looked.groups]
         if step is not None and ask is not None and search.promises(fit, whole_ones):
             # what moves another load all along a recording looks like much else in its parts: whole ones first
@@ -696,7 +699,7 @@ def _by_torque(
         when = {one: spans.moments(found.fit, one) for one in found.fit.mine}
         # rows about these moments are left out of the spans, but not of the look
         if settled:
-            when = dict(zip(likely, moments, strict=True))
+            when = {spans.candidate(*key): moment for key, moment in moments.items()}
         return told._replace(found=found, spans=spans, when=when)
 
 
