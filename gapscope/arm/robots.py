@@ -162,24 +162,17 @@ def shifted_arm(arm: NominalArm, links: int, moved_only: bool = False) -> Nomina
     With ``moved_only`` among those of them that a joint moves. The new URDF lies in a temporary folder that lasts as
     long as the process, one for each text. An MJCF file is left as it is.
     """
-    if links == 0:
+    if links == 0 or (tree := read_description(arm.urdf, shapes=False)).form != "URDF":
         return arm
-    text = arm.urdf.read_text(encoding="utf-8")
-    if ET.fromstring(text).tag != "robot":
-        return arm
-    folder = _folder(shifted_text(text, links, moved_only), arm.urdf.name)
+    root = shifted_root(tree, links, moved_only)
+    folder = _folder(ET.tostring(root, encoding="unicode"), arm.urdf.name)
     return replace(arm, urdf=Path(folder.name) / arm.urdf.name)
 
 
-def shifted_text(text: str, by: int, moved_only: bool = False) -> str:
-    """URDF text with the ``<inertial>`` of each link that has one moved ``by`` such links further, in file order."""
-    root = ET.fromstring(text)
-    moved = {
-        child.get("link")
-        for joint in root.iter("joint")
-        if joint.get("type") in ("revolute", "continuous", "prismatic")
-        for child in joint.iter("child")
-    }
+def shifted_root(tree: Description, by: int, moved_only: bool) -> ET.Element:
+    """A URDF with the ``<inertial>`` of each link that has one moved ``by`` such links further, in file order."""
+    root = ET.fromstring(tree.file.read_bytes())
+    moved = {joint.child for joint in tree.moving}
     links = [
         link
         for link in root.iter("link")
@@ -195,7 +188,7 @@ def shifted_text(text: str, by: int, moved_only: bool = False) -> str:
         assert own is not None and given is not None
         link.remove(own)
         link.append(given)
-    return ET.tostring(root, encoding="unicode")
+    return root
 
 
 @cache

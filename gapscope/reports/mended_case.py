@@ -8,11 +8,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gapscope.arm.case import Case
+from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.io.atomic_write import write_text
 from gapscope.arm.io.case_file import moved, read_case_file
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import Reading
-from gapscope.arm.robots import shifted_text
+from gapscope.arm.robots import shifted_root
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.inspection.inspection import filled
 
@@ -125,8 +126,8 @@ def write_mended_case(
 
 def _write_urdf(arm: NominalArm, reading: Reading, path: Path) -> None:
     """The arm's URDF with its inertials moved, and its meshes found from the new place."""
-    text = arm.urdf.read_text(encoding="utf-8")
-    root = ET.fromstring(shifted_text(text, reading.link_shift, reading.moved_only))
+    tree = read_description(arm.urdf, shapes=False)
+    root = shifted_root(tree, reading.link_shift, reading.moved_only)
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")
         # packages and absolute paths are found from anywhere

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from operator import itemgetter
@@ -92,7 +93,8 @@ def _streams(scene: Scene, types: Any) -> Iterator[Iterable[Message]]:
     """The messages of each topic."""
     # viewers expect a URDF here; with MJCF the links move without a body
     if scene.arm.urdf.suffix != ".xml":
-        text = scene.arm.urdf.read_text(encoding="utf-8")
+        # in UTF-8, whatever the file is in
+        text = ET.tostring(ET.parse(scene.arm.urdf).getroot(), encoding="unicode")
         start = _nanoseconds(scene.t[0])
         yield [("/robot_description", start, types["std_msgs/msg/String"](data=text))]
     series = {"recorded": scene.recorded, "predicted": scene.predicted}

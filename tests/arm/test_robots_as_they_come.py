@@ -22,6 +22,7 @@ from gapscope.arm.robots import (
     load_nominal_arm,
     placeholder,
     pybullet_data,
+    shifted_arm,
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.interface.models import export
@@ -113,6 +114,17 @@ def test_a_chain_is_the_arm_alone_with_what_hangs_beyond_its_tip(
     fixed = [text.replace('"prismatic"', '"fixed"') for text in FINGERS]
     plain = load_nominal_arm(robot(tmp_path / "plain", TORSO, ARM, fixed))
     np.testing.assert_allclose(torque(arm), torque(plain), atol=1e-12)
+
+
+@pytest.mark.parametrize("encoding", ["ISO-8859-1", "UTF-16"])
+def test_inertials_move_in_a_file_of_any_encoding(
+    tmp_path: Path, encoding: str
+) -> None:
+    path = robot(tmp_path, [link("torso", 1)], ARM)
+    moved = torque(shifted_arm(load_nominal_arm(path), 1))
+    text = f'<?xml version="1.0" encoding="{encoding}"?><!-- Grüße -->'
+    path.write_text(text + path.read_text(), encoding)
+    np.testing.assert_array_equal(torque(shifted_arm(load_nominal_arm(path), 1)), moved)
 
 
 WHIP = [

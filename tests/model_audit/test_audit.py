@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,13 @@ from arms import Link, urdf
 from jsonschema import Draft202012Validator
 
 import gapscope
+from gapscope.arm.dynamics.description import read_description
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import schema
 from gapscope.arm.io.table import numbered
 from gapscope.arm.io.write_case import write_columns
-from gapscope.arm.robots import load_nominal_arm, shifted_arm, shifted_text
+from gapscope.arm.robots import load_nominal_arm, shifted_arm, shifted_root
 from gapscope.model_audit.audit import audit_model, check_static, static_poses
 
 Audited = Callable[..., dict[str, Any]]
@@ -125,10 +127,12 @@ def test_an_inertia_ten_times_too_large_is_found_with_its_line(
 @pytest.mark.parametrize("moved_only", [True, False])
 @pytest.mark.parametrize("shapes", [True, False])
 def test_shifted_inertials_are_found_and_the_way_back(
-    audited: Audited, by: int, moved_only: bool, shapes: bool
+    audited: Audited, tmp_path: Path, by: int, moved_only: bool, shapes: bool
 ) -> None:
-    text = shifted_text(arm_text(shapes), by, moved_only)
-    audit = audited(text)
+    right = tmp_path / "right.urdf"
+    right.write_text(arm_text(shapes))
+    root = shifted_root(read_description(right), by, moved_only)
+    audit = audited(ET.tostring(root, encoding="unicode"))
     shift = next(one for one in audit["findings"] if one["kind"] == "shifted_inertials")
     assert ("next" if by > 0 else "previous") in shift["remedy"]
     assert ("less certain" in shift["found"]) is not shapes
