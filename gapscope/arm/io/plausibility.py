@@ -275,7 +275,7 @@ def noted(recording: Recording, *notes: str, **changed: Any) -> Recording:
 def without_turns(recording: Recording) -> Recording:
     """The recording without jumps by a turn, as a robot that counts from 0 to 360 degrees makes.
 
-    Positions and references of its joints run on, around the turn that is nearest to zero.
+    Positions of its joints run on, around the turn that is nearest to zero, and references beside them.
     """
     channels, q = recording.channels, recording.q
     positions = {name: channels[name] for name in ("q", "q_ref") if name in channels}
@@ -292,8 +292,10 @@ def without_turns(recording: Recording) -> Recording:
     counted = turned | ((q >= 0) & (q <= 2 * np.pi)).all(axis=0)
     for name, x in positions.items():
         steady = np.unwrap(x, axis=0)
-        # the turn nearest to zero, by the middle of the whole way
+        # the turn nearest to zero, by the middle of the whole way; a reference is on that of its joint
         middle = (steady.max(axis=0) + steady.min(axis=0)) / 2
+        if name == "q_ref":
+            middle = np.median(steady - positions["q"], axis=0)
         steady = steady - 2 * np.pi * np.round(middle / (2 * np.pi))
         positions[name] = np.where(counted, steady, x)
     said = f"jumps by a turn between two samples taken back: {marked(turned, 'q')}"

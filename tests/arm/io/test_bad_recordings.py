@@ -237,6 +237,18 @@ def test_sound(arm: NominalArm, tmp_path: Path) -> None:
     assert "elbow is limited to -2 to 2 rad" in note
 
 
+def test_a_reference_is_on_the_turn_of_its_joint(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    t = np.arange(500) / 100
+    q = np.pi - 0.02 + np.sin(3 * t)[:, None] * np.ones(2)
+    # counted from minus half a turn to half a turn
+    q, q_ref = ((x + np.pi) % (2 * np.pi) - np.pi for x in (q, q + 0.05))
+    np.savez(tmp_path / "log.npz", t=t, q=q, q_ref=q_ref)
+    found = load_recording(tmp_path / "log.npz", arm, any_unit=True)
+    np.testing.assert_allclose(found.q_ref - found.q, 0.05, atol=1e-9)
+
+
 WHOLE: list[tuple[str, bytes | None, str]] = [
     ("absent.csv", None, "absent.csv: no such file or folder"),
     ("log.xlsx", b"PK", "the ending '.xlsx' names no known format"),
