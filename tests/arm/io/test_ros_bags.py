@@ -335,6 +335,32 @@ def test_every_topic_about_joints_is_a_table_on_one_time(log: Log) -> None:
     np.testing.assert_allclose(tables[COMMANDS]["positions[elbow]"], due)
 
 
+SIMULATED = 5.0
+"""Time of a simulation when its bag begins [s]."""
+
+
+@pytest.mark.parametrize(
+    ("states", "sent"),
+    [(SIMULATED, 0.0), (SIMULATED, SIMULATED + 0.5), (0.0, 0.0), (0.0, EPOCH + 0.5)],
+)
+def test_commands_and_states_are_on_one_time_whichever_is_stamped(
+    states: float, sent: float, tmp_path: Path
+) -> None:
+    bag, t, due = Bag(tmp_path / "bag"), np.arange(50) / 10, np.arange(4.0)
+    with bag.writer:
+        for now in t:
+            stamp = states and states + now
+            bag.state(now, JOINTS, stamp=stamp, position=[now, now])
+        points = [bag.point(after, positions=(after, after)) for after in due]
+        fields = {"joint_names": JOINTS, "points": points}
+        bag.write(COMMANDS, JOINT_TRAJECTORY, EPOCH + 0.5, sent, **fields)
+    found = {
+        table.name: table.columns["t"] for table in open_log(tmp_path / "bag").tables
+    }
+    np.testing.assert_allclose(found["/joint_states"], t, atol=1e-6)
+    np.testing.assert_allclose(found[COMMANDS], 0.5 + due, atol=1e-6)
+
+
 def test_channels_from_topics_that_the_case_names(log: Log, arm: NominalArm) -> None:
     current = {"unit": "A", "motor_constant": 0.1, "gear_ratio": [100, 50]}
     place = {"topic": "/dynamic_joint_states", "column": "current[{joint}]"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -66,6 +66,7 @@ class Sample(NamedTuple):
         joints: that it is about.
         columns: names of the values.
         values: (m,).
+        after: how much later it is due, as a point of a trajectory is [ns].
     """
 
     stamp: int
@@ -73,6 +74,7 @@ class Sample(NamedTuple):
     joints: tuple[str, ...]
     columns: tuple[str, ...]
     values: np.ndarray
+    after: int = 0
 
 
 def nanoseconds(time: Any) -> int:
@@ -89,16 +91,17 @@ def _labels(fields: tuple[str, ...], joints: tuple[str, ...]) -> tuple[str, ...]
 def samples_of(kind: str, message: Any, logged: int) -> Iterator[Sample]:
     """Samples of a message of one of the types ``SAMPLED``, which was logged at a time [ns].
 
-    Points of a trajectory have the times for which they are meant; a stamp of 0 means from now on.
+    Points of a trajectory are due after its stamp; one of 0 means from now on.
     """
     stamp = nanoseconds(message.header.stamp)
     joints = tuple(message.name if kind == JOINT_STATE else message.joint_names)
 
-    def sample(fields: Mapping[str, np.ndarray], stamp: int = stamp) -> Sample:
+    def sample(fields: Mapping[str, np.ndarray], after: int = 0) -> Sample:
         """Of the fields that have a value for each joint; the others were left empty by the sender."""
         full = {name: x for name, x in fields.items() if len(x) == len(joints)}
         values = np.concatenate([*full.values(), []])
-        return Sample(stamp, logged, joints, _labels(tuple(full), joints), values)
+        columns = _labels(tuple(full), joints)
+        return Sample(stamp, logged, joints, columns, values, after)
 
     if kind == JOINT_STATE:
         names = ("position", "velocity", "effort")
@@ -115,8 +118,8 @@ def samples_of(kind: str, message: Any, logged: int) -> Iterator[Sample]:
     elif kind == JOINT_TRAJECTORY:
         # a controller sends a trajectory at once: each point is due at its own time
         for point in message.points:
-            due = (stamp or logged) + nanoseconds(point.time_from_start)
-            yield sample({name: getattr(point, name) for name in _POINT_FIELDS}, due)
+            after = nanoseconds(point.time_from_start)
+            yield sample({name: getattr(point, name) for name in _POINT_FIELDS}, after)
     else:
         # fields that this version of the message has
         found = sample(
@@ -160,15 +163,22 @@ def tables_of_samples(
     lead = int(np.median(stamped)) if stamped else 0
     if abs(lead) < OTHER_CLOCK * 1e9:
         lead = 0
-    start = min((s.stamp or s.logged - lead for s in every), default=0)
+
+    def due(s: Sample) -> int:
+        """Time of a sample [ns]."""
+        return (s.stamp or s.logged - lead) + s.after
+
+    start = min(map(due, every), default=0)
     tables: list[Table] = []
     for (topic, kind), samples in topics.items():
+        if kind == JOINT_TRAJECTORY:
+            samples = _followed(samples, due)
         groups: dict[frozenset[str], list[Sample]] = defaultdict(list)
         for sample in samples:
             groups[frozenset(sample.joints)].append(sample)
         for group in groups.values():
             # whole nanoseconds: a float of a date has no digits left for them
-            stamps = [(s.stamp or s.logged - lead) - start for s in group]
+            stamps = [due(sample) - start for sample in group]
             columns, dropped = _columns(group)
             columns = {"t": np.array(stamps, dtype=np.int64) * 1e-9, **columns}
             notes = [] if all(sample.stamp for sample in group) else [LOGGING_TIME]
@@ -203,16 +213,17 @@ def _columns(samples: Sequence[Sample]) -> tuple[dict[str, np.ndarray], set[str]
     return columns, set[str]().union(*variants) - set(kept)
 
 
-def followed_trajectories(points: Sequence[Sample]) -> list[Sample]:
+def _followed(points: Sequence[Sample], due: Callable[[Sample], int]) -> list[Sample]:
     """The points of all commanded trajectories in the order of time; a new one ends what is left of the one before.
 
     Args:
         points: in the order in which they were logged.
+        due: time of a point [ns].
     """
     kept: list[Sample] = []
     for point in points:
         # what was due after the start of the next trajectory never happened
-        while kept and kept[-1].logged < point.logged and kept[-1].stamp >= point.stamp:
+        while kept and kept[-1].logged < point.logged and due(kept[-1]) >= due(point):
             kept.pop()
         kept.append(point)
     return kept
@@ -262,9 +273,6 @@ def read_bag(path: Path) -> Log:
                 "are the message definitions in the bag those of ROS?",
                 file=path,
             ) from None
-    for (topic, kind), found in samples.items():
-        if kind == JOINT_TRAJECTORY:
-            samples[topic, kind] = followed_trajectories(found)
     tables = tables_of_samples(path, samples)
     for kind, store in stores.items():
         if isinstance(store, InputError):
