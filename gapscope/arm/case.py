@@ -347,14 +347,9 @@ def _recordings(
 ) -> tuple[list[Recording], list[Recording]]:
     """Recordings to fit and those held out: parts of each file, or whole files under ``judge:``."""
 
-    def files_of_part(part: Part) -> list[Path]:
-        """A file, or files side by side."""
-        entry, _ = part
-        return [entry] if isinstance(entry, Path) else list(entry.values())
-
     def read(part: Part) -> Recording:
         """One recording, with the known body that was mounted."""
-        (entry, chosen), files = part, files_of_part(part)
+        (entry, chosen), files = part, _files(part)
         # of files side by side any may be the one that the load is named with
         loads = [payloads.get(real_path(file)) for file in files]
         recording = load_recording(
@@ -379,17 +374,18 @@ def _recordings(
     for text in content.get("judge", []):
         # a whole file: ranges of rows and episodes are those of recordings:
         judged += parts_of(paths.entry(text, "judge"), Import(), "fit")
-    firsts = [files_of_part(part)[0] for part in (*fitted, *judged)]
+    firsts = [_files(part)[0] for part in (*fitted, *judged)]
     names = file_names(firsts, paths.file.parent)
     # fitted and held out together: a file may go on where one of the others ended
     found = joined_in_time([read(part) for part in (*fitted, *judged)])
     recordings, held_out = found[: len(fitted)], found[len(fitted) :]
     # a judge that has been fitted would judge nothing, whatever its name
-    for one, other in product(recordings, held_out):
-        if _same_content(one, other):
+    pairs = zip(fitted, recordings, strict=True), zip(judged, held_out, strict=True)
+    for (part, one), (held, other) in product(*pairs):
+        if _overlap(part, held) or _same_content(one, other):
             raise InputError(
                 f"{other.name} is held out and is fitted too, as {one.name}",
-                "take it out of judge: or of recordings:",
+                "take it out of judge: or of recordings:, or give ranges of rows: that do not overlap",
                 file=paths.file,
                 where="judge",
             )
@@ -406,6 +402,24 @@ def file_names(files: Iterable[Path], folder: Path) -> dict[Path, str]:
         else Path(os.path.relpath(place, folder)).as_posix()
         for place in places
     }
+
+
+def _files(part: Part) -> list[Path]:
+    """A file, or files side by side."""
+    entry, _ = part
+    return [entry] if isinstance(entry, Path) else list(entry.values())
+
+
+def _overlap(one: Part, other: Part) -> bool:
+    """Whether two parts have rows of one file in common, more than the one where a range ends and the next begins."""
+    (_, first), (_, second) = one, other
+    if first.get("episode") != second.get("episode"):
+        return False
+    starts, ends = zip(
+        *(x.get("rows") or (0, np.inf) for x in (first, second)), strict=True
+    )
+    same = list(map(real_path, _files(one))) == list(map(real_path, _files(other)))
+    return same and max(starts) < min(ends)
 
 
 def _same_content(one: Recording, other: Recording) -> bool:

@@ -25,6 +25,12 @@ CONTENT: dict[str, Any] = {
 
 
 @pytest.fixture
+def recording(recording: Recording) -> Recording:
+    """Slower, so that each half is long enough for a case."""
+    return replace(recording, t=2 * recording.t)
+
+
+@pytest.fixture
 def folder(tmp_path: Path, urdf: Path, recording: Recording) -> Path:
     """A folder with a URDF and three recordings, but no case file yet."""
     assert recording.tau is not None
@@ -105,11 +111,26 @@ def test_a_recording_that_is_fitted_is_not_held_out_too(
 
 
 def test_rows_to_fit_and_to_judge(folder: Path) -> None:
-    rows = {"fit": [[0, 109], [90, 199]], "judge": [50, 150]}
+    rows = {"fit": [[0, 95], [5, 100]], "judge": [100, 199]}
     case = load_case(write(folder, **{"import": {"rows": rows}}))
     found = [(r.name, len(r.t)) for r in case.recordings]
-    assert found == [("a.csv rows 0-109", 110), ("a.csv rows 90-199", 110)]
-    assert case.judged[0].t[0] == 0.5 and len(case.judged[0].t) == 101
+    assert found == [("a.csv rows 0-95", 96), ("a.csv rows 5-100", 96)]
+    assert case.judged[0].t[0] == 2.0 and len(case.judged[0].t) == 100
+
+
+@pytest.mark.parametrize(
+    ("rows", "judge"),
+    [
+        ({"fit": [0, 109], "judge": [90, 199]}, []),
+        ({"fit": [0, 109]}, ["a.csv"]),
+    ],
+)
+def test_rows_that_are_fitted_are_not_held_out_too(
+    folder: Path, rows: dict[str, Any], judge: list[str]
+) -> None:
+    path = write(folder, judge=judge, **{"import": {"rows": rows}})
+    with pytest.raises(InputError, match=r"held out and is fitted(.|\n)*overlap"):
+        load_case(path)
 
 
 BODY = {"mass": 2.0, "com": [0.0, 0.0, 0.05]}
@@ -148,7 +169,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"controller": {"rate": 1000, "kp": [1], "kd": [1, 1]}}, "field controller.kp: expected 2 numbers"),
     ({"import": {"q": {"column": "p{j}", "unit": "grad"}}}, "field import.q.unit: expected one of rad, deg, rev"),
     ({"import": {"tau": "T{j}"}}, "a.csv: has no column T1; it has t, q1, q2"),
-    ({"import": {"rows": {"fit": [0, 50]}}}, "a.csv: lasts 0.5 s (51 samples), expected at least 1 s"),
+    ({"import": {"rows": {"fit": [0, 25]}}}, "a.csv: lasts 0.5 s (26 samples), expected at least 1 s"),
 ]  # fmt: skip
 
 
@@ -236,12 +257,12 @@ def test_write_case(folder: Path, tmp_path: Path) -> None:
         folder,
         nominal={"armature": [1, 1 / 3], "torque_limit": [5, 6], "encoder_step": 1e-5},
         controller=CONTROLLER,
-        judge=["b.npz", "a.csv"],
+        judge=["b.npz", "more/c.npz"],
         **{"import": {"rows": {"fit": [[0, 119], [60, 199]]}}},
     )
     case, made = load_case(folder), tmp_path / "deeper" / "made"
     assert write_case(case, made) == made / "case.yaml"
-    logs = ["a.csv", "a_rows_0_119.csv", "a_rows_60_199.csv", "b.csv"]
+    logs = ["a_rows_0_119.csv", "a_rows_60_199.csv", "b.csv", "c.csv"]
     names = sorted(path.name for path in made.iterdir())
     assert names == [*logs, "case.yaml", "robot.urdf"]
     same(case, load_case(made))
@@ -292,7 +313,7 @@ def test_recordings_carry_what_the_case_says(folder: Path) -> None:
     assert load_case(folder, read_recordings=False).payloads == case.payloads
     assert set(case_files(folder)) >= {folder / "b.npz"}
     # every part of a recording carries it
-    rows = {"rows": {"fit": [[0, 120]], "judge": [60, 199]}}
+    rows = {"rows": {"fit": [[0, 99]], "judge": [100, 199]}}
     write(folder, payloads={"b.npz": BODY}, **TWO, **{"import": rows})
     case = load_case(folder)
     assert [r.payload for r in case.recordings] == [None, LOAD]
