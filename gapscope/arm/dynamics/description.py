@@ -473,6 +473,7 @@ MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SIZES: dict[str, dict[str, tuple[float, ...]]] = {
     "box": {"size": ZERO},
     "cylinder": {"radius": (0.0,), "length": (0.0,)},
+    "capsule": {"radius": (0.0,), "length": (0.0,)},
     "sphere": {"radius": (0.0,)},
 }
 """Attributes of the primitives, with as many zeros as they have numbers."""

@@ -348,11 +348,15 @@ def _collision_shapes(arm: NominalArm, body: RigidBody) -> pin.GeometryModel:
     links = [link for link in description.links if link.name in frames]
     drawn = [x for link in links for x in link.drawn if x.use == "collision"]
     lost = [shape.named for shape in drawn if shape.lost]
+    # without <geometry> nothing is drawn
+    strange = [x.kind for x in drawn if not x.size and x.kind != x.use]
     missing = "" if drawn else "it has no collision shapes"
     if description.form != "URDF":
         missing = "collision shapes are read from URDF files alone"
     elif lost:
         missing = f"{len(lost)} collision meshes are not found, first {lost[0]}"
+    elif strange:
+        missing = f"a collision shape is a <{strange[0]}>, which is not read"
     # boxes by mass and inertia only if shapes cannot be had, all of them
     if not missing:
         shapes = [x for x in read_shapes(body)[0] if x.use == "collision"]

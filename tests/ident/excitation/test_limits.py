@@ -88,6 +88,28 @@ def test_box_of_an_inertia_by_hand(tmp_path: Path) -> None:
     assert distance[0] == pytest.approx(0.7)
 
 
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [
+        ('capsule radius="0.1" length="0.4"', []),
+        ("cone", ["<cone>, which is not read"]),
+    ],
+)
+def test_capsules_are_read_and_boxes_stand_in_for_unknown_forms(
+    shape: str, said: list[str], tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    """The capsule ends 0.3 m below its middle, as the box does."""
+    path, lost = tmp_path / "arm.urdf", '<mesh filename="package://lost/b.stl"/>'
+    box = BOX.replace(lost, f"<{shape}/>")
+    high = box.replace("<collision>", '<collision><origin xyz="0 0 1"/>')
+    path.write_text(BARE.format(high))
+    arm = load_nominal_arm(path)
+    distance, _ = CollisionModel(arm, RigidBody(arm)).distance(np.array([[0.5]]))
+    assert distance[0] == pytest.approx(0.7)
+    found = [str(warning.message) for warning in recwarn]
+    assert all(words in text for words, text in zip(said, found, strict=True))
+
+
 def test_boxes_stand_in_for_meshes_that_are_missing(tmp_path: Path) -> None:
     """A KUKA iiwa's URDF copied without its meshes is as far from the floor as the arm itself, to 5 cm."""
     pytest.importorskip("pybullet_data", reason="the iiwa's meshes are there")
