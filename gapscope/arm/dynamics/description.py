@@ -742,8 +742,9 @@ class _MjcfReader:
         spec = self.spec
         if spec.tendons:
             self.unread.append(("", "<tendon> is not read"))
-        if spec.compiler.settotalmass > 0:
-            self.unread.append(("", "<compiler settotalmass> is not read"))
+        for name in ("settotalmass", "boundmass", "boundinertia", "balanceinertia"):
+            if getattr(spec.compiler, name) > 0:
+                self.unread.append(("", f"<compiler {name}> is not read"))
         self._meshes = {mesh.name: mesh for mesh in spec.meshes}
         # before bodies, whose joints ask what actuators and equalities say
         self._mimics = self._equalities()
@@ -834,6 +835,8 @@ class _MjcfReader:
         inertial = None
         if body.explicitinertial and not by_shape:
             inertial = self._inertial(body, line)
+        elif any(_word(geom.typeinertia) == "shell" for geom in body.geoms):
+            self.unread.append(("", f"shellinertia of body {name} is not read"))
         links.append(Link(name, line, inertial, tuple(map(self._shape, body.geoms))))
 
     def _joint(
@@ -855,6 +858,8 @@ class _MjcfReader:
                 "not read; give it as the effect parallel_spring"
             )
             self.unread.append((name, said))
+        if np.any(joint.springdamper):
+            self.unread.append((name, f"springdamper of joint {name} is not read"))
         frame = self._frames(joint)
         return Joint(
             name,
@@ -913,6 +918,10 @@ class _MjcfReader:
             file = path.resolve() if is_file(path) else None
         extent = tuple(map(float, size)) if np.all(size) else ()
         mass = None if np.isnan(geom.mass) else float(geom.mass)
+        low, high = self.spec.compiler.inertiagrouprange
+        # shapes of other groups weigh nothing
+        if not low <= geom.group <= high:
+            mass = 0.0
         density = float(geom.density)
         return Shape(use, kind, extent, pose, named, file, None, mass, density)
 
@@ -1057,9 +1066,8 @@ def inertial_faults(description: Description) -> dict[str, InputError]:
                 joint.kind in SINGLE for joint in description.upwards(link.name)
             ):
                 # a shape whose mass is not known here
-                bad = next(
-                    (s for s in link.drawn if s.kind in UNWEIGHED or s.named), None
-                )
+                weighed = (shape for shape in link.drawn if shape.mass != 0)
+                bad = next((s for s in weighed if s.kind in UNWEIGHED or s.named), None)
                 if bad is None:
                     continue
                 raise InputError(

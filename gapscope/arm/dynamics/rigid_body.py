@@ -427,7 +427,8 @@ def arm_model(
         # the base has no body: what is fixed to it carries nothing that moves
         elif body and link.drawn and description.form == "MJCF":
             for shape in link.shapes:
-                model.appendBodyToJoint(body, _weighed(shape), place)
+                if shape.mass != 0:
+                    model.appendBodyToJoint(body, _weighed(shape), place)
         # links between several joints of one body are in no file
         if link.line:
             model.addFrame(pin.Frame(link.name, body, place, pin.FrameType.BODY), False)

@@ -111,11 +111,40 @@ LEFT_OUT: list[tuple[dict[str, str], str]] = [
     ({"before": CLASSES, "joint": 'class="soft"'}, f"{SPRING} 5"),
     ({"after": EQUALITY}, "<equality><joint> of hinge is not read"),
     ({"inside": '<body name="tip" gravcomp="1"/>'}, "gravcomp of body tip is not read"),
+    ({"joint": 'springdamper="0.1 1"'}, "springdamper of joint hinge is not read"),
+    (
+        {"inertial": '<geom size="0.1" shellinertia="true"/>'},
+        "shellinertia of body rod is not read",
+    ),
+    *(
+        ({"before": f'<compiler {name}="{value}"/>'}, f"<compiler {name}> is not read")
+        for name, value in (
+            ("boundmass", 0.1),
+            ("boundinertia", 0.1),
+            ("balanceinertia", "true"),
+        )
+    ),
     (
         {"inertial": '<geom size="0.1"/>'},
         "body rod has no <inertial> and is weighed by its shapes",
     ),
 ]
+
+
+@pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
+def test_shapes_of_other_groups_weigh_nothing(tmp_path: Path) -> None:
+    """Neither a sphere beside the one that weighs, nor a mesh."""
+    weighs = '<geom size="0.1" pos="0 0 0.2"/>'
+    idle = '<geom size="0.3" group="3"/><geom type="mesh" mesh="hull" group="2"/>'
+    before = MESH + '<compiler inertiagrouprange="0 1"/>'
+    samples = _samples(1)
+    expected, found = (
+        RigidBody(_load(tmp_path, _one(inertial=x, before=before))).inverse_dynamics(
+            *samples
+        )
+        for x in (weighs, weighs + idle)
+    )
+    np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize(("change", "message"), LEFT_OUT)
