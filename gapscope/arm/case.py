@@ -212,7 +212,7 @@ class Case:
         recordings = []
         for number, frame in enumerate(frames if several else [frames], start=1):
             # data frames and dicts of columns alike
-            columns = {str(key): np.asarray(frame[key]) for key in frame}
+            columns = {str(key): np.atleast_1d(frame[key]) for key in frame}
             recording = recording_of_columns(f"recording_{number}", columns, arm)
             _check_duration(recording, Path(recording.name))
             recordings.append(recording)

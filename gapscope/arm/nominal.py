@@ -137,7 +137,7 @@ class NominalArm:
                 object.__setattr__(self, name, self._checked(name, value, shape))
         if self.encoder_step is not None and not self.encoder_step >= 0:
             raise InputError(
-                f"expected a number above 0, got {self.encoder_step!r}",
+                f"expected a number of at least 0, got {self.encoder_step!r}",
                 where="nominal.encoder_step",
             )
         if self.encoder not in ("motor", "joint"):

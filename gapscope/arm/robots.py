@@ -31,7 +31,6 @@ from gapscope.arm.dynamics.rigid_body import arm_model
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.input_file import check_file, is_file
 from gapscope.arm.io.case_file import check
-from gapscope.arm.io.json_file import plain
 from gapscope.arm.nearest_name import nearest, shortened
 from gapscope.arm.nominal import NominalArm, coupled
 
@@ -427,6 +426,10 @@ def load_nominal_arm(
     Raises:
         InputError: no such robot, link or joint, or a data sheet that cannot be used.
     """
+    choices = {"joints": joints, "chain": chain, "locked": locked, "gravity": gravity}
+    for key, value in choices.items():
+        if value is not None:
+            check(value, source, key, key)
     urdf, default_joints = locate(robot, folder or Path())
     tree = read_description(urdf, shapes=False)
     # what is asked for, else what the name stands for, else all that moves
@@ -510,12 +513,15 @@ def _checked_sheet(
         if given.get("encoder_step") == 0:
             del given["encoder_step"]
     prefix = "sheet" if source is None else "nominal"
-    check(plain(given), source, "nominal", prefix)
+    check(given, source, "nominal", prefix)
     found = dict(given or {})
     if "coupling" in found:
-        found["coupling"] = coupled(
-            np.eye(n_joints), found["coupling"], f"{prefix}.coupling"
-        )
+        try:
+            found["coupling"] = coupled(
+                np.eye(n_joints), found["coupling"], f"{prefix}.coupling"
+            )
+        except InputError as error:
+            raise error.at(source) from None
     return found
 
 

@@ -153,6 +153,11 @@ BAD = {
         lambda t, q, tau: {"t": t[:20], "q": q[:20], "tau": tau[:20]},
         "lasts",
     ),
+    "a row less": (
+        lambda t, q, tau: {"t": t[:-1], "q": q, "tau": tau},
+        "recording_1: its arrays differ in length: t ",
+    ),
+    "empty": (lambda t, q, tau: {"t": t[:0], "q": q[:0]}, "recording_1: has no rows"),
     "lists that differ": (lambda t, q, tau: {"t": t, "q": [q, q]}, "2 recordings"),
     "nan": (
         lambda t, q, tau: {
@@ -171,6 +176,27 @@ def test_bad_arrays_are_refused_with_the_place(name, case):
     with pytest.raises(InputError, match=place):
         gapscope.Case.from_arrays(
             arm(), **make(recording.t, recording.q, recording.tau)
+        )
+
+
+@pytest.mark.parametrize(
+    ("description", "place"),
+    [
+        ({"controller": {"kind": "foo", "rate": 9}}, r"field controller.kind: expected one of pd"),
+        ({"controller": {"kp": [1] * 3}}, r"field controller: lacks the key 'rate'"),
+        ({"controller": {"rate": 100, "kp": 1}}, r"field controller.kp: expected a list"),
+        ({"controller": {"rate": 9, "velocity_filter": 80}}, r"controller.velocity_filter"),
+        ({"joints": ["joint_1"] * 2}, r"field joints: has an entry twice"),
+        ({"chain": ["base"]}, r"field chain: expected at least 2"),
+        ({"gravity": -9.81}, r"field gravity: expected a list"),
+        ({"gravity": [0, 0, -np.inf]}, r"field gravity\[3\]: expected a number, got -inf"),
+    ],
+)  # fmt: skip
+def test_descriptions_in_memory_are_checked_as_those_of_files(description, place, case):
+    recording = case.recordings[0]
+    with pytest.raises(InputError, match=place):
+        gapscope.Case.from_arrays(
+            arm().urdf, t=recording.t, q=recording.q, **description
         )
 
 

@@ -7,7 +7,9 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from itertools import accumulate
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +48,7 @@ _RULES = {
     "minItems": "expected at least {expected} entries, got {count}",
     "maxItems": "expected at most {expected} entries, got {count}",
     "minimum": "expected a number of at least {expected}, got {value!r}",
+    "maximum": "expected a number of at most {expected}, got {value!r}",
     "exclusiveMinimum": "expected a number above {expected}, got {value!r}",
     "uniqueItems": "has an entry twice: {shown}",
 }
@@ -191,13 +194,16 @@ def check(content: Any, path: Path | None, section: str = "", prefix: str = "") 
     Raises:
         InputError: the first fault, with its field.
     """
-    error = schema_fault(content, "case", section)
+    content = plain(content)
+    # NaN and infinity are no numbers of JSON, nor of a schema
+    error = schema_fault(plain(content, null_if_not_finite=True), "case", section)
     if error is None:
         return
     # list entries count from 1 as joints do
     place = field([*filter(None, [prefix]), *error.absolute_path], first=1)
+    value = reduce(getitem, error.absolute_path, content)
     message, remedy = _sentence(
-        error.validator, error.validator_value, error.instance, error.schema
+        error.validator, error.validator_value, value, error.schema
     )
     raise InputError(
         message, remedy, file=path, where=f"field {place}" if place else ""
@@ -256,7 +262,6 @@ def read_controller(path: Path, n_joints: int) -> Controller:
         content = content["controller"]
     if content is None:
         raise InputError("holds no controller", f"write {EXAMPLE} into it", file=path)
-    check(content, path, "controller")
     controller = parse_controller(content, n_joints, path, "")
     assert controller is not None
     return controller
@@ -271,7 +276,7 @@ def parse_controller(
     """Controller of an arm with n joints from the section, which follows the case format; ``None`` for none.
 
     Args:
-        section: content of ``controller:``.
+        section: content of ``controller:``, checked here.
         n_joints: of the arm.
         source: the file, for messages.
         prefix: of its fields, for messages.
@@ -282,6 +287,7 @@ def parse_controller(
     """
     if section is None:
         return None
+    check(section, source, "controller", prefix.rstrip("."))
     law = LAWS[section.get("kind", "pd")]
 
     def fault(problem: str, remedy: str, key: str = "") -> InputError:

@@ -42,7 +42,14 @@ from gapscope.arm.io.plausibility import (
     put_right,
     repeated_rows,
 )
-from gapscope.arm.io.table import GAP_STEPS, Damage, Log, Table, damage
+from gapscope.arm.io.table import (
+    GAP_STEPS,
+    Damage,
+    Log,
+    Table,
+    damage,
+    table_of_columns,
+)
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import (
@@ -199,10 +206,9 @@ def recording_of_columns(
         arm: the nominal arm.
 
     Raises:
-        InputError: a column is missing, no number or implausible; names row and column.
+        InputError: a column is missing, of another length, no number or implausible; names row and column.
     """
-    length = len(next(iter(columns.values()), ()))
-    table = Table(Path(name), columns, range(1, length + 1), kind="columns")
+    table = table_of_columns(Path(name), columns, kind="columns")
     # any unit: arrays in memory are diagnosed for their set-up, too
     return load_recording(Log(table.path, "columns", (table,)), arm, any_unit=True)
 

@@ -221,6 +221,25 @@ def is_decimal(cell: str) -> bool:
     return is_number(cell.replace(",", "."))
 
 
+def table_of_columns(path: Path, columns: Mapping[str, Any], kind: str = "") -> Table:
+    """Table of columns in memory.
+
+    Raises:
+        InputError: they have no rows, or differ in length.
+    """
+    lengths = {len(column) for column in columns.values()}
+    if not lengths or not max(lengths):
+        raise InputError("has no rows", "give a file with samples", file=path)
+    if len(lengths) > 1:
+        listed = [f"{name} {len(column)}" for name, column in columns.items()]
+        raise InputError(
+            f"its arrays differ in length: {', '.join(listed)}",
+            "keep only arrays with one row per sample",
+            file=path,
+        )
+    return Table(path, columns, range(1, max(lengths) + 1), kind=kind)
+
+
 def numbered(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns ``q1..qn`` of arrays of shape (N, n) under their name, ``q``; those of one axis keep theirs."""
     columns: dict[str, np.ndarray] = {}

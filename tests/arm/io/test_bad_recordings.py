@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -253,6 +254,7 @@ WHOLE: list[tuple[str, bytes | None, str]] = [
     ("absent.csv", None, "absent.csv: no such file or folder"),
     ("log.xlsx", b"PK", "the ending '.xlsx' names no known format"),
     ("log.csv", b"t,q1\n\xff\xfe\x00", "is not a text in UTF-8"),
+    ("log.csv", b't,"' + b"q1 " * 50_000, "is not valid CSV"),
     ("log.jsonl", b'[0.0]\n{"t": 0.1', "has no object of JSON on any line"),
 ]  # fmt: skip
 """Files that are no table at all."""
@@ -266,6 +268,17 @@ def test_what_is_no_table_is_refused(
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=message):
         load_recording(tmp_path / name, arm)
+
+
+def test_a_whole_number_of_any_length_is_damage(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    head, *lines = rows()
+    text = [json.dumps(dict(zip(head, map(float, row), strict=True))) for row in lines]
+    text[10] = text[10].replace('"q1": 0.', f'"q1": {"1" * 400}, "x": 0.')
+    (tmp_path / "log.jsonl").write_text("\n".join(text))
+    note = load_recording(tmp_path / "log.jsonl", arm).notes[0]
+    assert "line 11, column q1: is not a finite number (inf)" in note
 
 
 def test_arrays_of_different_length(arm: NominalArm, tmp_path: Path) -> None:

@@ -105,6 +105,26 @@ def state_of(number: int) -> np.ndarray:
     return episode(number)["observation.state"][:, :2].astype(float)
 
 
+@pytest.mark.parametrize(
+    ("dropped", "added"),
+    [
+        (["episode_index"], {}),
+        (["timestamp", "frame_index"], {}),
+        (["timestamp"], {"timestamp": ["soon"] * FRAMES}),
+    ],
+)
+def test_frames_without_episode_or_time_are_refused(
+    tmp_path: Path, dropped: list[str], added: dict[str, list[str]]
+) -> None:
+    folder = dataset(tmp_path / "dataset", "v3.0", NEW_NAMES, episodes=1)
+    table = frames(0).drop_columns(dropped)
+    for name, values in added.items():
+        table = table.append_column(name, pa.array(values))
+    pq.write_table(table, folder / "data" / "chunk-000" / "file-000.parquet")
+    with pytest.raises(InputError, match="frames of a LeRobot dataset"):
+        open_log(folder)
+
+
 def test_each_episode_is_a_table(folder: Path) -> None:
     log = open_log(folder)
     assert log.format.startswith("LeRobot dataset v")

@@ -82,7 +82,8 @@ def read_dataset(path: Path, episodes: Iterable[int] | None = None) -> Log:
                 "correct episodes: in the import section",
                 file=path,
             )
-        columns = _columns(path, found[number], names, float(info["fps"]))
+        with complete_file(path, "frames of a LeRobot dataset"):
+            columns = _columns(path, found[number], names, float(info["fps"]))
         rows = range(1, len(columns["t"]) + 1)
         name = episode_name(number)
         tables.append(Table(path, columns, rows, "frame", name=name, kind=LEROBOT))
@@ -142,6 +143,8 @@ def _frames(
             # before it is read: a few kilobytes may unpack to any size
             check_unpacked(parquet_size(pq.read_metadata(file)), file)
             found = pq.read_table(file, columns=columns, filters=chosen)
+            # raises if it is not there
+            found.column(_EPISODE)
             parts.append(found.to_pandas())
     return pd.concat(parts) if parts else pd.DataFrame({_EPISODE: []})
 

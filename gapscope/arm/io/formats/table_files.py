@@ -17,7 +17,13 @@ from gapscope.arm.input_file import (
     complete_file,
     read_arrays,
 )
-from gapscope.arm.io.table import Table, is_decimal, is_number, numbered
+from gapscope.arm.io.table import (
+    Table,
+    is_decimal,
+    is_number,
+    numbered,
+    table_of_columns,
+)
 
 # Tables from CSV, JSON, Parquet and NPZ files.
 
@@ -56,6 +62,9 @@ def read_csv(path: Path) -> Table:
             "if it is a text, in UTF-16 or Latin-1 as some programs write it, save it again as UTF-8",
             file=path,
         ) from None
+    # a quote that nothing closes makes the beginning one cell
+    except csv.Error as error:
+        raise InputError(f"is not valid CSV ({error})", file=path) from None
 
 
 def _remarks(lines: Sequence[str]) -> int:
@@ -153,7 +162,7 @@ def table_of_lines(
     header: str,
     below: Iterable[str],
     path: Path,
-    first_line: int = 2,
+    first_line: int,
     header_line: int = 1,
 ) -> Table:
     """Table of a CSV header and lines of the same file.
@@ -254,7 +263,8 @@ def read_json_lines(path: Path) -> Table:
         lines = {k: line for k, line in enumerate(file, start=1) if line.strip()}
     for number, line in lines.items():
         try:
-            row = json.loads(line)
+            # a whole number may be beyond any of a computer's
+            row = json.loads(line, parse_int=float)
         except (ValueError, RecursionError):
             row = None
         if not isinstance(row, dict):
@@ -312,15 +322,5 @@ def read_npz(path: Path) -> Table:
     Raises:
         InputError: the file is damaged, has no rows, or arrays of different length.
     """
-    columns = numbered(read_arrays(path, "is the file complete?"))
-    lengths = {len(column) for column in columns.values()}
-    if not lengths or not max(lengths):
-        raise InputError("has no rows", "give a file with samples", file=path)
-    if len(lengths) > 1:
-        listed = [f"{name} {len(column)}" for name, column in columns.items()]
-        raise InputError(
-            f"its arrays differ in length: {', '.join(listed)}",
-            "keep only arrays with one row per sample",
-            file=path,
-        )
-    return Table(path, columns, range(1, max(lengths) + 1))
+    arrays = read_arrays(path, "is the file complete?")
+    return table_of_columns(path, numbered(arrays))
