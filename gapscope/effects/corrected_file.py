@@ -223,7 +223,8 @@ def _parsed(
             limits = (entry.get("from"), -np.inf), (entry.get("to"), np.inf)
             times = [none if t is None else float(t) for t, none in limits]
             place = Place(tuple(entry["recordings"]), *times)
-            if place.start >= place.end:
+            # so written that nan fails as well
+            if not place.start < place.end:
                 raise InputError(
                     f"holds from {place.start:g} to {place.end:g} s, which is no time",
                     "give from before to",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -137,7 +138,15 @@ class Fault:
         )
 
     def check(self) -> None:
-        """Raise ``InputError`` if a value lies out of bounds; that of a fault which was found may lie anywhere."""
+        """Raise ``InputError`` if joints are none, or a value is out of bounds; that of a found fault may be."""
+        joints = self.kind[2]
+        whole = all(isinstance(joint, Integral) and joint >= 1 for joint in joints)
+        if not whole or len(set(joints)) != len(joints):
+            raise InputError(
+                f"joints count from 1 and occur once, got {joints}",
+                "give their numbers, joints: [1, ...]",
+                where=self.name,
+            )
         for parameter in self.parameters:
             value = getattr(self, parameter.name)
             low, high = parameter.bounds
@@ -292,7 +301,7 @@ class JointSwap(Fault):
 
     def reading(self, n: int) -> Reading:
         """With the columns exchanged."""
-        if len(set(self.joints)) != 2:
+        if not len(set(self.joints)) == len(self.joints) == 2:
             raise InputError(
                 f"expected two joints, got {list(self.joints)}", where=self.name
             )
@@ -887,9 +896,19 @@ class ShiftedInertials(Fault):
         """One link off either way, among all links or among those that a joint moves."""
         return [cls(by, moved) for moved in (False, True) for by in (1, -1)]
 
+    def check(self) -> None:
+        """Raise ``InputError`` if it is no number of links, or out of bounds."""
+        super().check()
+        if self.by % 1:
+            raise InputError(
+                f"a number of links is whole, got {self.by}",
+                "give 1 or -1, or another whole number",
+                where=f"{self.name}.by",
+            )
+
     def reading(self, n: int) -> Reading:
         """With the inertials back where they belong."""
-        return Reading.identity(n, link_shift=-self.by, moved_only=self.moved_only)
+        return Reading.identity(n, link_shift=-int(self.by), moved_only=self.moved_only)
 
 
 # The setup faults by name.

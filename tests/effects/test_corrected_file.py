@@ -122,6 +122,7 @@ BAD = [
     (carried("from: 3"), f"{ENTRY}.*recordings: beside from: and to:"),
     (carried("recordings: [b.csv], to: soon"), f"{ENTRY}.*expected a time in s"),
     (carried("recordings: [b.csv], from: 3, to: 2"), f"{ENTRY}.*which is no time"),
+    (carried("recordings: [b.csv], from: .nan"), f"{ENTRY}.*which is no time"),
     (entry("{effect: sign_flip, joints: [2], variant: torque}"), "fault of the set-up"),
     (f"{coulomb()}  - {coulomb().splitlines()[-1][4:-1]}, recordings: [a.csv]}}", "occurs twice on joint 1"),
     (beside("remainder: [1.0, 2.0]"), "remainder"),
@@ -175,6 +176,10 @@ def test_setup_faults_go_there_and_back(tmp_path: Path) -> None:
         ("{effect: sign_flip, joints: [2], parameters: {size: 1}}", "", "has no 'size'"),
         ("{effect: time_stamps, variant: jitter}", "", "amount"),
         ("{effect: sign_flip, joints: [true], variant: torque}", ".joints[0]", "expected a number"),
+        ("{effect: sign_flip, joints: [1.5], variant: torque}", "", "joints count from 1 and occur once, got (1.5,)"),
+        ("{effect: sign_flip, joints: ['1'], variant: torque}", "", "joints count from 1"),
+        ("{effect: joint_swap, joints: [1, 2, 1]}", "", "joints count from 1 and occur once, got (1, 2, 1)"),
+        ("{effect: shifted_inertials, parameters: {by: 0.5}}", "", "a number of links is whole, got 0.5"),
         ("{effect: shifted_inertials, parameters: {by: on}}", ".parameters.by", "expected a number"),
     ],
 )  # fmt: skip
