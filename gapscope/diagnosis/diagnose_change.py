@@ -290,7 +290,7 @@ def write_reference(reference: KeptReference, folder: Path) -> Path:
         own = {"name": recording.name, "samples": len(recording.t), "payload": carried}
         recordings.append(own)
     with atomic_write(folder / ARRAYS) as aside, aside.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, **arrays)
+        np.savez_compressed(stream, **arrays)
     with atomic_write(folder / URDF) as aside:
         aside.write_bytes(reference.urdf.encode())
     hashes = {name: _sha256((folder / name).read_bytes()) for name in (URDF, ARRAYS)}

@@ -541,7 +541,7 @@ def write_residual(residual: ResidualNetwork, path: Path | str) -> None:
             of_form |= {name: getattr(network.basis, name) for name in _OF_BASIS}
         arrays |= {f"{network.form}.{name}": of_form[name] for name in of_form}
     with atomic_write(path) as aside, aside.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, **arrays)
+        np.savez_compressed(stream, **arrays)
 
 
 def read_residual(path: Path | str) -> ResidualNetwork:

@@ -65,7 +65,7 @@ def write_base(result: Identification, path: Path | str) -> None:
         "to_orthonormal": np.linalg.inv(from_orthonormal),
     }
     with atomic_write(path) as aside, aside.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        np.savez_compressed(file, **arrays)
 
 
 # The filter beside the batch, as ``identification.json`` holds it.

@@ -115,7 +115,6 @@ class Normalisation(NamedTuple):
         with atomic_write(path) as aside, aside.open("wb") as file:
             np.savez(
                 file,
-                allow_pickle=False,
                 mean=self.mean,
                 scale=self.scale,
                 places=places,

@@ -193,7 +193,7 @@ def write_replay(learner: Any, path: Path) -> None:
     buffer = learner.replay_buffer
     rows = slice(None) if buffer.full else slice(0, buffer.pos)
     arrays = {name: getattr(buffer, name)[rows] for name in ARRAYS}
-    np.savez(path, allow_pickle=False, pos=buffer.pos, full=buffer.full, **arrays)
+    np.savez(path, pos=buffer.pos, full=buffer.full, **arrays)
 
 
 def read_replay(learner: Any, path: Path) -> None:

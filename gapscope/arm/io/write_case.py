@@ -40,13 +40,13 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
             "end it in .csv, .parquet or .npz",
             file=path,
         )
-    channels = {"t": recording.stamps, **recording.channels}
+    channels: dict[str, Any] = {"t": recording.stamps, **recording.channels}
     if path.suffix == ".csv":
         write_columns(numbered(channels), path)
         return path
     with atomic_write(path) as aside:
         if path.suffix == ".npz":
-            np.savez_compressed(aside, allow_pickle=False, **channels)
+            np.savez_compressed(aside, **channels)
         else:
             import pyarrow as pa
             import pyarrow.parquet as pq
