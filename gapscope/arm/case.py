@@ -33,7 +33,7 @@ from gapscope.arm.io.load_recording import (
 )
 from gapscope.arm.io.log import check_no_log, open_log
 from gapscope.arm.io.plausibility import UNSIGNED
-from gapscope.arm.io.table import Table, numbered
+from gapscope.arm.io.table import Table, numbered, without_damage
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm, coupling_of_transmission
 from gapscope.arm.recording import CHANNELS, Recording, slow_words
@@ -272,7 +272,10 @@ def load_case(
         source=file,
     )
     # before recordings are read, so that a list of wrong length is found at once
-    section = content.get("import")
+    section = dict(content.get("import") or {})
+    if "calibration" in section:
+        place = paths.expand(section["calibration"], "import.calibration")
+        section["calibration"] = str(place)
     importing = parse_import(section, arm.n_joints, file) if section else None
     # the transmission of a log also says which motors turn several joints
     arm = _with_coupling(arm, importing)
@@ -321,7 +324,7 @@ def _locked(content: Mapping[str, Any], paths: CasePaths) -> dict[str, float]:
                 where=f"field locked.{name}",
             )
         # the mean: an arm's other joints stand still, or are taken as if they did
-        positions[name] = np.mean(holding[0].numbers(column))
+        positions[name] = np.mean(without_damage(holding[0]).numbers(column))
     return {name: float(position) for name, position in positions.items()}
 
 

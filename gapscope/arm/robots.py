@@ -376,12 +376,14 @@ def left_out(description: Description, joints: Sequence[str]) -> Iterator[str]:
     for link in description.links:
         if link.drawn and link.inertial is None and description.is_moved(link.name):
             yield f"body {link.name} has no <inertial> and is weighed by its shapes; give it one"
-    gains = [description.single[name].gains or (0.0, 0.0) for name in joints]
+    stated = [description.single[name].gains or (0.0, 0.0) for name in joints]
+    # without the sign of a zero
+    gains = np.array(stated) + 0.0
     if np.any(gains):
         kp, kd = (", ".join(f"{x:g}" for x in own) for own in zip(*gains, strict=True))
         yield (
-            f"its actuators hold positions; as the controller: of a case, kp: [{kp}], kd: [{kd}] at the rate of the "
-            "simulation"
+            f"its actuators hold positions or speeds; as the controller: of a case, kp: [{kp}], kd: [{kd}] at the "
+            "rate of the simulation"
         )
 
 

@@ -132,12 +132,14 @@ WHIP = [
     link("antenna", 1e-6, moment=-1e-8),
 ]
 FAR = [ARM[0].replace('upper="2"', 'upper="far"'), *ARM[1:]]
+BRAKED = [ARM[0].replace("<axis", '<dynamics damping="-2"/><axis'), *ARM[1:]]
 REFUSED = [
     ((BASE, ARM), {"chain": ["hand", "torso"]}, "does not hang on 'hand'"),
     ((BASE, ARM), {"chain": ["torso", "hands"]}, "did you mean 'hand'"),
     ((TORSO, ARM, WHIP), {}, "link antenna.*none below zero"),
     ((BASE, ARM, FINGERS), {**CHAIN, "locked": {"elbow": 1}}, "one of the arm's joints"),
     ((BASE, ARM, FINGERS), {**CHAIN, "locked": {"finger": 1}}, "no movable joint 'finger'"),
+    ((TORSO, BRAKED), {}, "joint shoulder: its damping is -2, expected zero or above"),
     ((TORSO, FAR), {}, "joint shoulder, <limit upper>: expected a number"),
     ((BASE, ARM, [link("adrift")]), {}, "several bases: world, adrift(?s:.*)chain:"),
 ]  # fmt: skip
@@ -199,6 +201,11 @@ def test_a_locked_joint_stands_at_the_mean_of_a_column(tmp_path: Path) -> None:
     (tmp_path / "case.yaml").write_text(text + "locked: {finger_1: gripper}\n")
     found = load_case(tmp_path).arm.locked
     assert found == pytest.approx({"finger_1": 0.3, "finger_2": -0.3})
+    # a cell without a value has no say
+    lines = (tmp_path / "a.csv").read_text().split("\n")
+    lines[9] = lines[9].rpartition(",")[0] + ","
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    assert load_case(tmp_path).arm.locked == pytest.approx(found)
     (tmp_path / "case.yaml").write_text(text + "locked: {finger_1: grip}\n")
     with pytest.raises(InputError, match="field locked.finger_1.*'grip'"):
         load_case(tmp_path)

@@ -1018,7 +1018,7 @@ def checked(description: Description, joints: Collection[str] = ()) -> Descripti
                 file=path,
                 where=where,
             )
-        for name in ("effort", "velocity", "friction"):
+        for name in ("effort", "velocity", "friction", "damping"):
             limit = getattr(joint, name)
             if limit is not None and limit < 0:
                 raise InputError(

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import LARGEST_NUMBER
 from gapscope.arm.io.formats.lerobot import (
     dataset_episodes,
     episode_name,
@@ -576,8 +577,15 @@ class _Reader:
 
     def first_stamp(self, table: Table) -> float:
         """Time of the first row of a log that has one [s]; 0 if none has."""
-        # rows at the beginning may be cut or empty
-        for row in range(len(table)):
+        column, first = self.importing.time.column, [0]
+        if column is not None:
+            column = table.named(column)
+            if column not in table.columns:
+                return 0.0
+            # rows at the beginning may be cut or empty
+            usable = table.sizes(column) <= LARGEST_NUMBER
+            first = np.flatnonzero(usable)[:1].tolist()
+        for row in first:
             with suppress(InputError):
                 return float(self._stamps(table.part(row, row))[0])
         return 0.0
@@ -743,7 +751,7 @@ def _named_tables(log: Log, name: str | None) -> list[Table]:
     """The tables of a topic; of all topics if none is named."""
     found = [table for table in log.tables if name in (None, table.name)]
     if name is not None and not found:
-        there = ", ".join([*log.names, *log.unread])
+        there = ", ".join([*log.names, *log.unread]) or "nothing"
         raise InputError(
             f"has no topic {name} about joints; it has {there}",
             "name one of these in topic: of the import section",

@@ -25,7 +25,7 @@ from gapscope.arm.recording import MOST
 
 GAP_STEPS = 4.0
 """A step of time longer than this many usual steps is a gap, over which nothing is interpolated [1]."""
-NO_VALUE = ("", "nan", "-nan", "null", "none", "na", "n/a", "-")
+NO_VALUE = ("", "nan", "-nan", "null", "none", "na", "n/a", "-", "[]")
 """What stands in a cell that has no value, in lower case."""
 
 
@@ -176,7 +176,7 @@ class Table:
         row = int(wrong[0])
         fault, remedy = self.fault(row, column), "drop or repair the row"
         if length is not None:
-            cell = self.columns[column][row]
+            cell = np.asarray(self.columns[column][row]).tolist()
             fault = f"expected a list of {length} numbers, one per joint, got {cell!r}"
             remedy = "name the recorded joints in joints:, in the order of the list"
         raise InputError(
@@ -419,11 +419,11 @@ def damage(table: Table, columns: Iterable[str], time: str | None = None) -> Dam
             wrong = ~(sizes <= (LARGEST_NUMBER if column == time else BEYOND))
         lacking = wrong & np.isnan(sizes)
         cells = table.columns[column]
-        # an empty cell is a lack, a text is damage; an array has nan for both
-        if not isinstance(cells, np.ndarray):
+        # an empty cell is a lack, a text is damage; an array of numbers has nan for both
+        if not isinstance(cells, np.ndarray) or cells.dtype == object:
             texts = np.flatnonzero(lacking)
-            said = [str(cells[row] or "").strip().lower() for row in texts]
-            lacking[texts] = [text in NO_VALUE for text in said]
+            said = ["" if cells[row] is None else str(cells[row]) for row in texts]
+            lacking[texts] = [text.strip().lower() in NO_VALUE for text in said]
         found[0] |= wrong & ~lacking
         found[1] |= lacking
         if wrong.any():

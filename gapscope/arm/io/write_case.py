@@ -6,6 +6,7 @@ import csv
 import re
 import shutil
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +139,11 @@ def _fill(case: Case, folder: Path, ending: str) -> None:
     shutil.copyfile(case.arm.urdf, folder / "robot.urdf")
     recordings = (*case.recordings, *case.judged)
     names = _file_names([recording.name for recording in recordings], ending)
+    silent = [recording.tau is None for recording in recordings]
     for recording, name in zip(recordings, names, strict=True):
+        # beside others with torque: zeros throughout are read as none
+        if recording.tau is None and not all(silent):
+            recording = replace(recording, tau=np.zeros_like(recording.q))
         write_recording(recording, folder / name)
     fitted = len(case.recordings)
     payloads = {
@@ -146,7 +151,6 @@ def _fill(case: Case, folder: Path, ending: str) -> None:
         for name, recording in zip(names, recordings, strict=True)
         if recording.payload is not None
     }
-    silent = any(recording.tau is None for recording in recordings)
     content: dict[str, Any] = {
         "name": case.name,
         "robot": "robot.urdf",
@@ -159,7 +163,7 @@ def _fill(case: Case, folder: Path, ending: str) -> None:
         "judge": names[fitted:],
         "payloads": payloads,
         # a case is expected to hold torque unless its import section excludes it
-        "import": {"tau": None} if silent else {},
+        "import": {"tau": None} if all(silent) else {},
     }
     content = {key: value for key, value in content.items() if value}
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)

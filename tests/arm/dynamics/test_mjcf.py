@@ -109,6 +109,10 @@ LEFT_OUT: list[tuple[dict[str, str], str]] = [
     ({"joint": 'stiffness="5" springref="0.3"'}, f"{SPRING} 5, springref 0.3)"),
     ({"before": CLASSES}, f"{SPRING} 3, springref 0)"),
     ({"before": CLASSES, "joint": 'class="soft"'}, f"{SPRING} 5"),
+    (
+        {"after": '<actuator><velocity joint="hinge" kv="3"/></actuator>'},
+        "or speeds; as the controller: of a case, kp: [0], kd: [3]",
+    ),
     ({"after": EQUALITY}, "<equality><joint> of hinge is not read"),
     ({"inside": '<body name="tip" gravcomp="1"/>'}, "gravcomp of body tip is not read"),
     ({"joint": 'springdamper="0.1 1"'}, "springdamper of joint hinge is not read"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -268,6 +269,33 @@ def test_what_is_no_table_is_refused(
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=message):
         load_recording(tmp_path / name, arm)
+
+
+def test_texts_in_json_are_damage_as_in_csv(arm: NominalArm, tmp_path: Path) -> None:
+    t = np.arange(500) / 100
+    sines = {"q1": np.sin(9 * t), "q2": np.cos(9 * t)}
+    lines = [
+        dict(zip(("t", *sines), row, strict=True))
+        for row in zip(t, *sines.values(), strict=True)
+    ]
+    for line in lines[100:220]:
+        line["q1"] = "error"
+    (tmp_path / "log.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    with pytest.raises(
+        InputError, match="120 of 500 rows cannot be read: line 101, column q1"
+    ):
+        load_recording(tmp_path / "log.jsonl", arm)
+
+
+def test_a_time_that_is_not_there_is_said_at_once(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    rows = 100_000
+    np.savez(tmp_path / "log.npz", q=np.zeros((rows, 2)))
+    begun = time.process_time()
+    with pytest.raises(InputError, match="has no column t; it has q1, q2"):
+        load_recording(tmp_path / "log.npz", arm)
+    assert time.process_time() - begun < 1.0
 
 
 def test_a_whole_number_of_any_length_is_damage(

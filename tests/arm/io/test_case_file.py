@@ -306,6 +306,14 @@ def test_write_case_without_torque_and_with_equal_names(
     same(made, load_case(tmp_path / "made"))
 
 
+def test_a_recording_without_torque_leaves_the_others_theirs(folder: Path) -> None:
+    case = load_case(write(folder, recordings=["a.csv", "b.npz"]))
+    one, other = case.recordings
+    mixed = replace(case, recordings=(one, replace(other, tau=None)))
+    back = load_case(write_case(mixed, folder / "made"))
+    assert [r.tau is None for r in back.recordings] == [False, True]
+
+
 # Known payloads.
 
 

@@ -222,10 +222,14 @@ def test_a_case_chooses_episodes(case: Callable[..., Path]) -> None:
 
 
 def test_a_calibration_is_a_file_of_a_case_and_videos_are_none(
-    case: Callable[..., Path], folder: Path
+    case: Callable[..., Path], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calibration = calibrate(folder.parent)
     assert calibration in case_files(case(**NORMALISED).parent)
+    # below the folder with the data sets, as any path of a case
+    monkeypatch.setenv("GAPSCOPE_DATA", str(folder.parent))
+    there = NORMALISED | {"calibration": "${GAPSCOPE_DATA}/arm.json"}
+    assert calibration in case_files(case(**there).parent)
     (folder / "videos").mkdir()
     (folder / "videos" / "top.mp4").touch()
     assert {path.suffix for path in files_of(folder)} == {".json", ".parquet"}
