@@ -32,7 +32,7 @@ from gapscope.arm.io.load_recording import (
     recording_of_columns,
 )
 from gapscope.arm.io.log import check_no_log, open_log
-from gapscope.arm.io.plausibility import UNSIGNED
+from gapscope.arm.io.plausibility import SHORTEST_LOG, UNSIGNED
 from gapscope.arm.io.table import Table, numbered, without_damage
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm, coupling_of_transmission
@@ -49,10 +49,6 @@ Samples = np.ndarray | Sequence[np.ndarray]
 def _listed(samples: Samples) -> Sequence[np.ndarray]:
     """Arrays of a channel, one for each recording."""
     return samples if isinstance(samples, (list, tuple)) else [np.asarray(samples)]
-
-
-SHORTEST = 1.0
-"""Duration of the shortest recording that a case may hold [s]; both ends are trimmed by 0.3 s for the gap."""
 
 
 @dataclass(frozen=True)
@@ -459,9 +455,9 @@ def case_files(path: str | Path) -> tuple[Path, ...]:
 
 
 def _check_duration(recording: Recording, file: Path) -> None:
-    if recording.duration < SHORTEST:
+    if recording.duration < SHORTEST_LOG:
         raise InputError(
-            f"lasts {recording.duration:.3g} s ({len(recording.t)} samples), expected at least {SHORTEST:g} s",
+            f"lasts {recording.duration:.3g} s ({len(recording.t)} samples), expected at least {SHORTEST_LOG:g} s",
             "record a longer motion; ten seconds in which all joints move are a good start",
             file=file,
         )

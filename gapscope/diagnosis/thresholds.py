@@ -139,8 +139,6 @@ SENSOR_SCALE = 0.01  # Prior of the error of a sensor's scale [1]. (data sheets 
 SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
 
 # --- selection: search
-MIN_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at least [1]. (physical)
-
 # A joint's presliding must narrow the gap of trusted rows by what chance seldom does [nats]. (statistics)
 PRESLIDING_GAIN = -np.log(FALSE_ALARM_RATE)
 # An effect must lower the held-out torque NRMSE of some joint by this much to be named [1]. (definition)

@@ -16,18 +16,9 @@ POSTURES = 50
 def usual_load(arm: NominalArm) -> np.ndarray:
     """RMS of gravity over postures within the limits, plus dry friction [N m], shape (n,)."""
     body = RigidBody(arm)
-    q = _postures(body)
-    still = np.zeros_like(q)
-    gravity = body.inverse_dynamics(q, still, still)
+    # the first is the zero posture
+    gravity = body.gravity_torque(body.postures(POSTURES + 1)[1:])
     return np.sqrt(np.mean(gravity**2, axis=0)) + arm.coulomb
-
-
-def _postures(body: RigidBody) -> np.ndarray:
-    """Postures within the limits [rad], shape (POSTURES, n), the same each time."""
-    # a joint without limits, or with wide ones: within half a turn
-    low, high = (np.clip(limit, -np.pi, np.pi) for limit in body.position_limits())
-    share = np.random.default_rng(0).uniform(size=(POSTURES, body.n_joints))
-    return low + share * (high - low)
 
 
 class ArmScale(NamedTuple):
@@ -53,7 +44,7 @@ class ArmScale(NamedTuple):
     def of(cls, arm: NominalArm) -> ArmScale:
         """The scale of a nominal arm, from postures within its limits."""
         body = RigidBody(arm)
-        q = _postures(body)
+        q = body.postures(POSTURES + 1)[1:]
         gravity = usual_load(arm)
         inertia = np.mean([np.diag(body.mass_matrix(posture)) for posture in q], axis=0)
         # a joint whose axis lies along gravity bears no weight: it needs a size too

@@ -11,12 +11,12 @@ import os
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import read_text
+from gapscope.arm.nearest_name import nearest
 from gapscope.effects.actuation import DELAY, LAG, OFFSET, RIPPLE, SATURATION, SCALE
 from gapscope.effects.effect import Effect
 from gapscope.effects.environment import BASE_TILT, EXTERNAL_FORCE
@@ -309,13 +309,12 @@ def effect(name: str) -> Effect:
     known = known_effect(name)
     if known is None:
         # an effect of a user is unknown in a process that did not read its file
-        near = get_close_matches(name, [*CATALOGUE, *COUPLED_MOTORS], n=1, cutoff=0.5)
+        near = nearest(name, [*CATALOGUE, *COUPLED_MOTORS])
         known_names = f"use one of {', '.join(sorted(CATALOGUE))}"
         raise InputError(
             f"unknown effect {name!r}",
-            (f"did you mean {near[0]}? " if near else "")
-            + "If it is an effect of your own: did you forget --effects-from FILE, or gapscope.load_effects(FILE) in "
-            f"Python? Else {known_names}",
+            f"{near}If it is an effect of your own: did you forget --effects-from FILE, or gapscope.load_effects(FILE) "
+            f"in Python? Else {known_names}",
         )
     return known
 

@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gapscope.arm.case import SHORTEST, Case
+from gapscope.arm.case import Case
 from gapscope.arm.control import SETTLE, ControlLoop, Targets, like_pd
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import steps_per_tick
 from gapscope.arm.errors import GapscopeError, InputError, ModelWarning
+from gapscope.arm.io.plausibility import SHORTEST_LOG
 from gapscope.arm.motions.named_motions import (
     Workspace,
     check_motion_name,
@@ -271,9 +272,10 @@ class Plan:
         """Check the numbers and the engine."""
         check_engine(self.engine)
         check_values(vars(self), "environment", "recording")
-        if self.duration < SHORTEST:
+        if self.duration < SHORTEST_LOG:
             raise InputError(
-                f"a case holds recordings of at least {SHORTEST:g} s", where="duration"
+                f"a case holds recordings of at least {SHORTEST_LOG:g} s",
+                where="duration",
             )
         check_sample_count(self.duration, self.rate, self.recordings)
 

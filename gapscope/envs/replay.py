@@ -21,6 +21,7 @@ from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import LONGEST_STEP, steps_per_tick
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.table import GAP_STEPS
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.reading import interpolated
@@ -38,7 +39,7 @@ from gapscope.envs.simulated_arm import (
     diverged,
     fastest,
 )
-from gapscope.model.conditioning import GAP_STEPS, TRIM
+from gapscope.model.conditioning import TRIM
 
 HORIZON = 0.2
 """Length of the stretches that are replayed under recorded torque [s]."""

@@ -20,6 +20,7 @@ from scipy.stats import chi2
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.plausibility import SHORTEST_LOG
+from gapscope.arm.io.table import GAP_STEPS
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording, held_torque, torque_step
@@ -49,8 +50,6 @@ FEWEST_ROWS = 8
 (definition)"""
 MIN_STEP = 1e-6
 """Stamps closer than this share of a period are one stamp [1]."""
-GAP_STEPS = 4.0
-"""A step of time longer than this many median steps is a gap, and the recording is cut there."""
 
 BRIDGED_GAP = 0.04
 """Longest step of time [s] over which a log that is all gaps is interpolated: samples so far apart still show the band

@@ -20,7 +20,7 @@ from gapscope.arm.dynamics.description import (
     Link,
     tree_faults,
 )
-from gapscope.arm.dynamics.inertials import box_edges
+from gapscope.arm.dynamics.inertials import TRIANGLE_EXCESS, box_edges
 from gapscope.model_audit.description import Finding, Geometry, distance_outside
 
 # All thresholds of the audit, each with its meaning, its unit in brackets and where it comes from in parentheses.
@@ -32,8 +32,6 @@ from gapscope.model_audit.description import Finding, Geometry, distance_outside
 # fmt: off
 
 # --- inertials
-# Share by which the largest moment may exceed the sum of the others, for numbers of four digits [1]. (physical)
-TRIANGLE_EXCESS = 2e-3
 MIN_MASS = 1e-3  # A link below is a frame with a dummy inertial, not a body [kg]. (physical)
 
 POINT_MASS = 0.1  # Lighter parts may be points, as sensors and tools often are [kg]. (hand)

@@ -16,6 +16,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.io.records_file import read_records, write_records
+from gapscope.arm.io.table import GAP_STEPS
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
@@ -34,7 +35,6 @@ from gapscope.model.changes import (
     changes_since,
 )
 from gapscope.model.conditioning import (
-    GAP_STEPS,
     TORQUE_CUTOFF,
     TRIM,
     Segment,

@@ -50,8 +50,8 @@ def inertia_boxes(model: pin.Model) -> pin.GeometryModel:
 # Moving bodies whose inertials no real body has; they are simulated as they are, with a warning.
 
 
-EXCESS = 1e-3
-"""Share by which the largest moment may exceed the sum of the others, for rounding."""
+TRIANGLE_EXCESS = 2e-3
+"""Share by which the largest moment may exceed the sum of the others, for numbers of four digits [1]. (physical)"""
 
 
 def odd_inertials(body: RigidBody) -> tuple[str, ...]:
@@ -66,7 +66,7 @@ def odd_inertials(body: RigidBody) -> tuple[str, ...]:
             )
         elif inertia.mass == 0:
             said = "moments of inertia but no mass, which no body has; correct <mass>"
-        elif moments[2] > (1 + EXCESS) * (moments[0] + moments[1]):
+        elif moments[2] > (1 + TRIANGLE_EXCESS) * (moments[0] + moments[1]):
             said = (
                 f"the principal moments of inertia {figures(moments)} kg m^2, of which no body has one above the "
                 "sum of the others: they are simulated as they are; correct <inertia> if you can"

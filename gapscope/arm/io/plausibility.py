@@ -128,7 +128,7 @@ PLAUSIBLE_RATES = (8.0, 20_000.0)
 """Sampling rates of robot logs [Hz], of loggers of 10 Hz that are late as well; below, no motion is resolved."""
 
 SHORTEST_LOG = 1.0
-"""A log that lasts less holds no motion that can be diagnosed [s]."""
+"""A log that lasts less holds no motion that can be diagnosed [s]: both ends are trimmed by 0.3 s for the gap."""
 
 MAX_SAMPLES = 4_000_000
 """Samples of a motion that is computed as a whole, an hour at 1 kHz: of seven joints they take some GB meanwhile."""
@@ -229,7 +229,7 @@ def unit_of_stamps(rate: float, duration: float) -> str:
 
 
 def check_positions(
-    recording: Recording, arm: NominalArm, table: Table, *, any_unit: bool = False
+    recording: Recording, arm: NominalArm, table: Table, *, any_unit: bool
 ) -> tuple[str, ...]:
     """Positions must be radians, or metres of slides, unless ``any_unit``; a note for each beyond the URDF's range.
 
@@ -429,7 +429,7 @@ def without_spikes(recording: Recording, per_radian: np.ndarray) -> Recording:
     return noted(recording, BRIDGED + ", ".join(counts), **out) if out else recording
 
 
-def spikes(series: np.ndarray, least: float, *, ends: bool = True) -> np.ndarray:
+def spikes(series: np.ndarray, least: float, *, ends: bool) -> np.ndarray:
     """Places of the spikes of a series, (N,), that are larger than ``least``; none if there are too many.
 
     ``ends``: whether the first and last two samples may be some.

@@ -99,7 +99,7 @@ def weld_seam(
     start: np.ndarray,
     way: np.ndarray,
     limits: Limits,
-    speed: float = np.inf,
+    speed: float,
 ) -> Curve:
     """The fastest motion q(t) = path(s(t / T)) along a straight line of the tool, at rest at both ends, within limits.
 

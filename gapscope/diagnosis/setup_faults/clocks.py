@@ -22,7 +22,7 @@ from gapscope.arm.io.plausibility import (
     unevenness,
     unit_of_stamps,
 )
-from gapscope.arm.io.table import DAMAGED, PAUSE
+from gapscope.arm.io.table import DAMAGED, GAP_STEPS, PAUSE
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, by_recordings
@@ -52,7 +52,6 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.setup_faults import Fault, TimeStamps, UnitMismatch
 from gapscope.model.conditioning import (
-    GAP_STEPS,
     SHORTEST,
     TORQUE_CUTOFF,
     Segment,

@@ -21,6 +21,7 @@ from gapscope.arm.dynamics.rollout import (
     ticks_per_step,
 )
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.table import GAP_STEPS
 from gapscope.arm.nominal import FRICTION_SMOOTHING
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import rms
@@ -39,7 +40,7 @@ from gapscope.ident.samples import (
     check_bare,
     check_samples,
 )
-from gapscope.model.conditioning import GAP_STEPS, TORQUE_CUTOFF, TRIM, low_pass
+from gapscope.model.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 
 # Whether a recorded torque is what the declared controller commands; wrong gains ruin every simulated closed loop.
 
