@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from arms import Link, written
+from arms import ROD, Link, written
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -25,6 +26,7 @@ from gapscope.effects.parameter import Parameter
 from gapscope.effects.severity import draw
 from gapscope.envs.export.formats import export
 from gapscope.envs.export.plain_arm import TARGETS, holds
+from gapscope.ident.model.physical_parameters import urdf_text
 
 LINK_2 = {"link": 2, "mass": 0.4, "com": [0.01, 0.02, -0.01]}
 BODIES = (
@@ -239,6 +241,25 @@ class TestJoints:
         for limits in ("position_limits", "velocity_limits"):
             got, want = (np.array(getattr(x, limits)()) for x in (body, nominal))
             assert got == pytest.approx(want)
+
+    @pytest.mark.parametrize("limit", ["", '<limit effort="99" velocity="9"/>'])
+    def test_limits_of_a_joint_that_turns_on_and_on(
+        self, tmp_path: Path, limit: str
+    ) -> None:
+        """Also as an identified arm; what is not known is no limit: 0 would hold the joint."""
+        original, identified = tmp_path / "robot.urdf", tmp_path / "identified.urdf"
+        robot = load_nominal_arm(written(original, "r", ROD._replace(more=limit)))
+        identified.write_text(urdf_text(robot, RigidBody(robot)))
+        file, _ = exported(CorrectedArm(robot), "urdf", tmp_path)
+        files = original, identified, file
+        want, *found = (pin.buildModelFromUrdf(str(x)) for x in files)
+        for model in found:
+            assert model.effortLimit == want.effortLimit
+            assert model.velocityLimit == want.velocityLimit
+        less = AppliedEffect("torque_saturation", (1,), {"limit": [20.0]})
+        file, _ = exported(CorrectedArm(robot, (less,)), "urdf", tmp_path)
+        model = pin.buildModelFromUrdf(str(file))
+        assert model.effortLimit == 20 and model.velocityLimit >= 9
 
     def test_friction_spring_and_limits_in_sdf(self, tmp_path: Path) -> None:
         arm = iiwa(*DRIVES)

@@ -196,6 +196,20 @@ def set_origin(element: ET.Element, place: pin.SE3) -> None:
     origin.set("rpy", numbers(angles(place)))
 
 
+def set_limit(joint: ET.Element, effort: float, velocity: float) -> None:
+    """Set limits of a joint of a URDF: effort [N m or N] and velocity [rad/s or m/s]; 0 or infinite if not known."""
+    limits = {"effort": effort, "velocity": velocity}
+    known = {name: x for name, x in limits.items() if 0 < x < np.inf}
+    if not known:
+        return
+    limit = joint.find("limit")
+    if limit is None:
+        # a <limit> has to have both, and what is not known must not hold the joint
+        limit = ET.SubElement(joint, "limit", effort="1e9", velocity="1e9")
+    for name, value in known.items():
+        limit.set(name, numbers([value]))
+
+
 def numbers(values: Iterable[float]) -> str:
     """Numbers as an attribute of XML, without loss."""
     return " ".join(repr(float(value)) for value in values)

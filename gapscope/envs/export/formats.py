@@ -22,7 +22,13 @@ from gapscope.arm.dynamics.inertials import (
     set_parameters,
 )
 from gapscope.arm.dynamics.link_shapes import PlacedShape
-from gapscope.arm.dynamics.plain_urdf import Place, exact_urdf, numbers, set_origin
+from gapscope.arm.dynamics.plain_urdf import (
+    Place,
+    exact_urdf,
+    numbers,
+    set_limit,
+    set_origin,
+)
 from gapscope.arm.dynamics.rigid_body import joint_motion
 from gapscope.arm.dynamics.rollout import LONGEST_STEP
 from gapscope.arm.errors import InputError
@@ -186,17 +192,7 @@ def _set_drive(joint: ET.Element, drive: pd.Series) -> None:
     dynamics = ET.SubElement(joint, "dynamics") if dynamics is None else dynamics
     dynamics.set("damping", repr(float(drive.damping)))
     dynamics.set("friction", repr(float(drive.friction)))
-    limit = joint.find("limit")
-    # a <limit> is asked for effort and velocity both; 0 is what they are without one
-    limit = (
-        ET.SubElement(joint, "limit", effort="0", velocity="0")
-        if limit is None
-        else limit
-    )
-    if drive.effort < np.inf:
-        limit.set("effort", repr(float(drive.effort)))
-    if drive.velocity < np.inf:
-        limit.set("velocity", repr(float(drive.velocity)))
+    set_limit(joint, drive.effort, drive.velocity)
 
 
 def _shift_zeros(root: ET.Element, arm: PlainArm, described: Description) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.arm.dynamics.plain_urdf import exact_urdf, moving_links, numbers
+from gapscope.arm.dynamics.plain_urdf import exact_urdf, moving_links, set_limit
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
@@ -371,13 +371,7 @@ def urdf_text(arm: NominalArm, body: RigidBody) -> str:
     # limits of the nominal arm
     speed, effort = body.velocity_limits(), body.effort_limits()
     for joint in root.findall("joint"):
-        limit = joint.find("limit")
-        if limit is None:
-            continue
         j = arm.joints.index(joint.get("name", ""))
-        if speed[j] > 0:
-            limit.set("velocity", numbers(speed[j : j + 1]))
-        if effort[j] > 0:
-            limit.set("effort", numbers(effort[j : j + 1]))
+        set_limit(joint, effort[j], speed[j])
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
