@@ -366,7 +366,7 @@ class SimulatedArm:
             through = motors.torque(self._q, self._dq)
             on_links = np.where(self._rigid, torque, through)
             if self._loaded:
-                on_links += self._load(0, through)
+                on_links += self._load(0, on_links)
             self._step.advance(on_links, limit * self._rigid)
             motors.step(torque, through, limit, self._friction.viscous, self._h)
             motors.follow(self._q, self._dq)

@@ -7,7 +7,11 @@ import pytest
 from scipy.optimize import curve_fit
 from sweeps import daily
 
+from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.effect import TorqueLaw
+from gapscope.effects.parameter import Parameter
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.simulated_arm import SimulatedArm
 
@@ -69,6 +73,27 @@ def test_start_puts_the_encoder_where_it_is_asked_to_be(pendulum) -> None:
     with SimulatedArm(pendulum(armature=0.3), effects) as simulated:
         simulated.start(np.array([0.3]))
         assert simulated.encoders() == pytest.approx([0.3], abs=1e-9)
+
+
+@pytest.mark.parametrize("others", [(), (elastic(5000.0, 1.0),)])
+def test_an_own_law_of_load_acts_on_a_rigid_joint_beside_any_other(
+    bare_arm: NominalArm, monkeypatch: pytest.MonkeyPatch, others: tuple
+) -> None:
+    """A loss of half the load makes 20 N m the 10 N m that they are without it."""
+    loss = TorqueLaw(
+        *("loss", "friction", "joint", ""),
+        (Parameter("share", "s", "1", (0.0, 1.0), (0.1, 0.3)),),
+        *("", ""),
+        law=lambda signals, share: share * signals.load,
+    )
+    monkeypatch.setitem(CATALOGUE, "loss", loss)
+    arm = replace(bare_arm, armature=np.ones(7), gravity=np.zeros(3))
+    own, speeds = AppliedEffect("loss", (2,), {"share": [0.5]}), []
+    for effects, torque in ((others, 10.0), ((*others, own), 20.0)):
+        with SimulatedArm(arm, effects) as simulated:
+            simulated.step(torque * np.eye(7)[1], 20)
+            speeds.append(simulated.dq)
+    assert speeds[1] == pytest.approx(speeds[0], rel=1e-9) and speeds[0][1] > 0.01
 
 
 @pytest.mark.parametrize("engine", daily(ENGINES, "mujoco"))
