@@ -328,10 +328,13 @@ class Cells:
         """What a cell holds. Numbers that are infinite are written as Python reads them."""
         # PD alone and gravity have nothing but their kind
         parts = [*self._common, *key, type(model).__name__]
+        if isinstance(model, AgentModel):
+            parts.append(model.digest)
+            # the file of the model that it acts on may change without it
+            model = model.model
+            parts.append(type(model).__name__)
         if isinstance(model, ArmModel):
             parts.append(_of(model))
-        elif isinstance(model, AgentModel):
-            parts.append(model.digest)
         digest = fingerprint(parts)
         file = self._folder / f"{digest}.json"
         try:

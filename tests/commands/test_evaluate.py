@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from sweeps import daily
 
-from gapscope.agents.evaluation import TrackingBench
-from gapscope.commands.agent_files import FOLDER
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
+from gapscope.agents.models import AgentModel, read_model
+from gapscope.arm.case import load_case
+from gapscope.commands.agent_files import FOLDER, Cells
+from gapscope.envs.actions import Control
 from gapscope.provenance import fingerprint
 
 Command = Callable[..., Any]
@@ -212,6 +217,21 @@ def test_other_models_engines_and_seeds_may_be_added(
     unplugged(evaluate, counted, 1, "pd", *command, "--seeds", 2)
     assert evaluate("nominal", "pd", *command, "--seeds", 1)[0].code == 0
     assert counted["done"] == 3
+
+
+def test_what_is_kept_of_an_agent_depends_on_the_model_that_it_acts_on(
+    sick: Path, corrected: Path, tmp_path: Path
+) -> None:
+    """Whose file may change while that of the agent does not."""
+    arm = load_case(sick, read_recordings=False).arm
+    plan = EvaluationPlan(("fourier",), ("none",), seeds=(0,), duration=1.0)
+    cells = Cells(tmp_path, TrackingBench(arm, (), plan))
+    still = Control("residual", *np.ones((3, arm.n_joints)), None)
+    models = [read_model(x, arm) for x in ("pd", "nominal", str(corrected), "pd")]
+    agents = [AgentModel(np.zeros_like, x, still, (), 0.01, "same") for x in models]
+    numbers = itertools.count()
+    found = [cells(("a",), x, lambda: next(numbers)) for x in agents]
+    assert found == [0, 1, 2, 0]
 
 
 def test_fingerprint_tells_what_differs() -> None:

@@ -577,7 +577,7 @@ def prepare(
     if separator is not None:
         # a given separator predicts over time, which takes a rate of its own
         samples = int(np.ceil(plan.length * SEPARATING_RATE)) + 1
-    elif len(plan.effects) > 1:
+    elif plan.effects:
         separator = separator_of(arm, body, plan.effects)
     # tighter than the final limits, for what lies between the samples of the search
     tight = replace(

@@ -249,6 +249,14 @@ def test_effects_that_cannot_be_compared_are_refused(
         separator_of(arm, body, names)
 
 
+@pytest.mark.parametrize("name", ["payload", "payloat"])
+def test_one_effect_alone_is_refused_also_where_it_is_only_reported_on(
+    name: str, arm: NominalArm
+) -> None:
+    with pytest.raises(InputError, match="effects"):
+        prepare(arm, ExcitationPlan(effects=(name,)), LimitPlan())
+
+
 # Trajectories that determine no parameter: the limit that keeps them small, a warning, and a refusal.
 
 
