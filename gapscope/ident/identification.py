@@ -38,7 +38,13 @@ from gapscope.ident.intervals import (
     torque_interval,
     whiteness,
 )
-from gapscope.ident.kalman import FilterReview, StatesAndFriction, follow_states, review
+from gapscope.ident.kalman import (
+    FilterReview,
+    StatesAndFriction,
+    check_followed,
+    follow_states,
+    review,
+)
 from gapscope.ident.model.base_parameters import (
     CONDITION_LIMIT,
     CONTRIBUTION,
@@ -365,6 +371,9 @@ def fit_parameters(
     check_known("filter", settings.filter, FILTERS, where="--filter")
     fit, held_out = split(case, settings.judge)
     check_recordings(fit, held_out, case)
+    if settings.filter == "unscented":
+        # followed at the end, over the first recording with torque
+        check_followed(case.arm, next(r for r in fit if r.tau is not None))
     # one cut-off for all recordings, so that their equations are comparable
     cutoff = settings.cutoff
     if cutoff is None:

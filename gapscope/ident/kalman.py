@@ -281,6 +281,20 @@ class StatesAndFriction:
     innovation: np.ndarray
 
 
+def check_followed(arm: NominalArm, recording: Recording) -> None:
+    """Check that ``follow_states`` can follow an arm; raises ``InputError`` otherwise."""
+    remedy = "leave --filter unscented out; the recursive filter follows such an arm"
+    if arm.coupling is not None:
+        raise InputError(
+            "the unscented filter knows no motor that turns several joints",
+            remedy,
+            where="--filter",
+        )
+    check_bare(recording, remedy)
+    if recording.tau is None:
+        raise InputError("has no torque", "give columns tau1..", file=recording.name)
+
+
 def follow_states(
     arm: NominalArm,
     recording: Recording,
@@ -305,15 +319,8 @@ def follow_states(
 
     Source: julier2004.
     """
-    if arm.coupling is not None:
-        raise InputError(
-            "the unscented filter knows no motor that turns several joints",
-            "leave --filter unscented out; the recursive filter follows such an arm",
-            where="--filter",
-        )
-    check_bare(recording)
-    if recording.tau is None:
-        raise InputError("has no torque", "give columns tau1..", file=recording.name)
+    check_followed(arm, recording)
+    assert recording.tau is not None
     recording = recording.part(recording.t <= recording.t[0] + LONGEST)
     n, regressor = arm.n_joints, Regressor(arm)
     prior = np.array([identified.get(name, 0.0) for name in regressor.names])

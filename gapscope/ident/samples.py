@@ -630,12 +630,12 @@ PER_PARAMETER = 2.0
 """Independent samples that each base parameter needs at least; a band of f Hz holds 2 f a second and joint."""
 
 
-def check_bare(recording: Recording) -> None:
-    """Check that a recording carries no known payload; raises ``InputError`` otherwise."""
+def check_bare(recording: Recording, remedy: str) -> None:
+    """Check that a recording carries no known payload; raises ``InputError`` with a remedy otherwise."""
     if recording.payload is not None:
         raise InputError(
             "carries a known payload, and what simulates the arm to identify it simulates it without",
-            "leave the recording out, or use an estimator that does not simulate",
+            remedy,
             file=recording.name,
         )
 

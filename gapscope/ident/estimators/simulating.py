@@ -260,7 +260,10 @@ class Experiment:
         return [self._commands(recording) for recording in self.recordings]
 
     def _commands(self, recording: Recording) -> tuple[Commands, np.ndarray]:
-        check_bare(recording)
+        check_bare(
+            recording,
+            "leave the recording out, or use an estimator that does not simulate",
+        )
         t = recording.t
         if recording.q_ref is None or recording.tau is None:
             raise InputError(

@@ -10,11 +10,14 @@ import pytest
 from cases import changed_during
 from scipy.signal import lfilter
 
+from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import check_document, plain
 from gapscope.arm.known_load import KnownLoad
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.identification import (
+    IdentificationSettings,
+    fit_parameters,
     identify,
 )
 from gapscope.ident.identification_json import document
@@ -130,6 +133,11 @@ def test_what_it_cannot_follow_is_refused(world) -> None:
     ):
         with pytest.raises(InputError, match=message):
             follow_states(arm, one, {}, np.ones(3))
+    # before anything is fitted
+    case, said = Case("loaded", Path(), world.arm, (loaded,), (recording,)), []
+    with pytest.raises(InputError, match="leave --filter unscented out"):
+        fit_parameters(case, IdentificationSettings(filter="unscented"), said.append)
+    assert not said
 
 
 # A load picked up in the middle of a recording is told by ``identify``, and none is where there was none.
