@@ -27,8 +27,18 @@ from gapscope.envs.actions import (
     torque_limit,
 )
 from gapscope.envs.arguments import check_values
-from gapscope.envs.environment import EXTENSION, SUB_STEPS, TIME_STEP, Layout
-from gapscope.envs.position_controller import VELOCITY_CUTOFF, VELOCITY_DAMPING
+from gapscope.envs.environment import (
+    EXTENSION,
+    SUB_STEPS,
+    TIME_STEP,
+    Layout,
+    steps_between_readings,
+)
+from gapscope.envs.position_controller import (
+    VELOCITY_CUTOFF,
+    VELOCITY_DAMPING,
+    cutoff,
+)
 from gapscope.envs.reward import Reward
 from gapscope.envs.simulated_arm import SimulatedArm, closed_loop, diverged
 from gapscope.model.conditioning import torque_scale
@@ -158,10 +168,21 @@ class AgentController(Feedforward):
         self._action = np.zeros(self.agent.control.size)
         self._every = max(1, round(self.agent.period * motion.rate))
         self._ahead = [round(time * motion.rate) for time in self.agent.look_ahead]
+        tick = self.agent.period / self._every
+        self._spaced = steps_between_readings(self.agent.control, tick, self._every)
+        rate = 1.0 / (tick * self._spaced)
+        how = rate, cutoff(rate), VELOCITY_DAMPING
+        self._estimate = VelocityFilter(how, motion.q[0], motion.dq[0])
+        self._velocity = motion.dq[0]
 
     def __call__(self, now: Targets, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """Torque to command [N m], shape (n,); ``begin`` comes before the first tick."""
         control, planned = self.agent.control, now.torque
+        # without a PD loop the environment differentiates the position, and reads it less often
+        if control.gains is None:
+            if self._tick and self._tick % self._spaced == 0:
+                self._velocity = self._estimate(q)
+            dq = self._velocity
         if self._tick % self._every == 0:
             # the end of the reference is held
             ahead = self._reference.take(

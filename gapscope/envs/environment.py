@@ -373,6 +373,12 @@ SLOW = FASTEST_OBSERVED**2
 """Sum of squares of velocities of which none exceeds what is observed [rad^2/s^2]."""
 
 
+def steps_between_readings(control: Control, dt: float, steps: int) -> int:
+    """Steps of ``dt`` [s] between readings of the encoders: as many as fit, and divide the ``steps`` of an action."""
+    fits = 1 if control.gains is not None else max(1, int(SENSOR_PERIOD / dt + 1e-9))
+    return max(x for x in range(1, fits + 1) if steps % x == 0)
+
+
 class VelocityFilters:
     """``VelocityFilter`` of N arms, n joints.
 
@@ -465,11 +471,7 @@ class Episodes:
             for _ in range(count // self._each)
         ]
         self._networks: dict[int, NetworkTorque] = {}
-        # steps between readings of the encoders: as many as fit, and divide those of an action
-        self._chunk, parts = 1, setup.sub_steps
-        if setup.control.gains is None:
-            fits = max(1, int(SENSOR_PERIOD / setup.dt + 1e-9))
-            self._chunk = max(x for x in range(1, fits + 1) if parts % x == 0)
+        self._chunk = steps_between_readings(setup.control, setup.dt, setup.sub_steps)
         rate = 1.0 / (setup.dt * self._chunk)
         shape = (count, setup.arm.n_joints)
         self._estimate = VelocityFilters(rate, shape)
