@@ -20,6 +20,7 @@ from numpy import add, maximum, minimum, multiply, subtract
 from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.joint_units import common_unit, joint_unit
 from gapscope.arm.motions.named_motions import Workspace, draw_motion, workspace
 from gapscope.arm.motions.trajectory import Limits, ReferenceMotion, motion_of
 from gapscope.arm.nearest_name import check_known
@@ -89,7 +90,7 @@ class Layout:
     position       n           rad   encoders, with noise, quantised as the data sheet says
     velocity       n           rad/s estimate from them, see ``gapscope.envs.environment.ControlledArms``
     error          n           rad   reference minus encoders
-    action         n or 2 n    1     the action before
+    action         n, 2 n or 1 1     the action before
     reference      n           rad   position of the reference
     reference_rate n           rad/s its velocity
     look_ahead     n per time  rad   reference at later times minus reference now, first time first
@@ -586,7 +587,8 @@ class Episodes:
         arm, control, dt = setup.arm, setup.control, setup.dt
         if number not in self.diverged:
             joint = int(stopped.argmax())
-            name, read = arm.joints[joint], f"{q[joint]:.4g} rad"
+            unit = joint_unit("rad", arm.sliding[joint])
+            name, read = arm.joints[joint], f"{q[joint]:.4g} {unit}"
             return {
                 "limit": f"joint {joint + 1} ({name}) came to its stop; its encoder reads {read}"
             }
@@ -615,11 +617,13 @@ class Episodes:
                 )
         if not np.isfinite(control.limit[joint]):
             causes.append(
-                "no torque limit: give sheet={'torque_limit': [...]} in N m, one number per joint"
+                f"no torque limit: give sheet={{'torque_limit': [...]}} in {common_unit('N m', arm.sliding)}, "
+                "one number per joint"
             )
         if arm.viscous[joint] == 0:
             causes.append(
-                f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in N m s/rad"
+                f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in "
+                f"{common_unit('N m s/rad', arm.sliding)}"
             )
         # actions that were zero drive nothing
         if acted:
@@ -634,7 +638,9 @@ class Episodes:
             causes.append("feedforward drives it: another model, or feedforward='none'")
         speed = float(abs(dq[joint]))
         fast = (
-            f"{speed:.3g} rad/s" if np.isfinite(speed) else "a speed that is no number"
+            f"{speed:.3g} {joint_unit('rad/s', arm.sliding[joint])}"
+            if np.isfinite(speed)
+            else "a speed that is no number"
         )
         what = f"joint {joint + 1} diverged: {fast} after {time:.4g} s"
         return {
@@ -849,10 +855,10 @@ NEAR_STOP = 1e-3
 class ArmTracking(gymnasium.Env):
     """An arm with effects, n joints, that is to follow a reference motion.
 
-    An action is a vector of numbers in -1 .. 1, n in parts of ``torque_scale`` [N m] or 2 n factors. Observation: see
-    ``gapscope.envs.environment.Layout``; reward: see ``gapscope.envs.reward.Reward``. An episode is terminated when
-    the arm diverges (``info["divergence"]``) or a joint comes to its stop (``info["limit"]``), and truncated at its
-    end.
+    An action is a vector of numbers in -1 .. 1, n in parts of ``torque_scale`` [N m], or 2 n or 1 for factors.
+    Observation: see ``gapscope.envs.environment.Layout``; reward: see ``gapscope.envs.reward.Reward``. An episode is
+    terminated when the arm diverges (``info["divergence"]``) or a joint comes to its stop (``info["limit"]``), and
+    truncated at its end.
 
     Args:
         robot: a name of ``gapscope.arm.robots.KNOWN_ROBOTS``, a path of a URDF, or a nominal arm.
@@ -861,7 +867,8 @@ class ArmTracking(gymnasium.Env):
         engine: name of the engine that steps the simulation.
         sheet: data sheet of the nominal arm, as ``nominal:`` in a case; not with a nominal arm as ``robot``.
         action: ``residual`` (torque added to a low-gain PD with feedforward, at every step of the simulation),
-            ``scale`` (2 n factors of that, see ``gapscope.envs.actions.scaled``) or ``torque`` (commanded).
+            ``scale`` or ``gains`` (2 n factors of that, or one of its gains, see ``gapscope.envs.actions.scaled``), or
+            ``torque`` (commanded).
         feedforward: ``none``, ``gravity`` or ``nominal``, or a model with ``series(motion)``; with ``torque`` it is
             observed only.
         simulated: the arm that is simulated instead of the nominal arm with ``effects``: identified or corrected, with
@@ -986,7 +993,7 @@ class ArmTracking(gymnasium.Env):
 
     @property
     def torque_scale(self) -> np.ndarray:
-        """Torque of an action of 1 [N m], shape (n,); 0 with ``scale``."""
+        """Torque of an action of 1 [N m], shape (n,); 0 with ``scale`` and ``gains``."""
         return self.setup.control.scale
 
     @property
@@ -1019,7 +1026,7 @@ class ArmTracking(gymnasium.Env):
     def step(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Carry out an action in -1 .. 1, shape (n,) or (2 n,); what exceeds these bounds is clipped.
+        """Carry out an action in -1 .. 1, shape (n,), (2 n,) or (1,); what exceeds these bounds is clipped.
 
         The reward for tracking is 0 in the action in which the arm diverges.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from arms import Link, written
 from episodes import NAME, SHORT, rollout
 from guard import HANG
 from sweeps import daily, nightly
@@ -239,6 +240,28 @@ def test_a_joint_at_its_stop_ends_the_episode() -> None:
     joint, read = int(number) - 1, float(read)
     assert read == pytest.approx(observation[joint], abs=1e-3)
     assert read == pytest.approx(info["q_true"][joint] + 0.3, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("limit", "said"),
+    [
+        ("-3 3 99 9", r"reads \S+ m$"),
+        ("-900 900 9e5 9", r"(?s)\d m/s after.* in N s/m"),
+    ],
+)
+def test_early_ends_of_a_joint_that_slides_are_told_in_metres(
+    tmp_path: Path, limit: str, said: str
+) -> None:
+    rail = Link("rail", "cart", kind="prismatic", limit=limit)
+    robot = written(tmp_path / "robot.urdf", "r", rail)
+    env = ArmTracking(robot, action="torque")
+    env.reset(seed=0)
+    over, info = False, {}
+    while not over:
+        *_, over, _, info = env.step(np.ones(1))
+    env.close()
+    told = info.get("limit") or info["divergence"]["message"]
+    assert re.search(said, told) and "rad" not in told
 
 
 def test_stepping_on_after_the_end_is_refused() -> None:

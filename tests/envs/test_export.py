@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -323,6 +324,23 @@ class TestLeftOut:
         assert ("armature" in said) == (form != "mjcf")
         assert ("parallel_spring" in said) == (form == "urdf")
         assert all(line in text for line in missing)
+
+    def test_what_slides_has_forces_masses_and_metres(self, tmp_path: Path) -> None:
+        rail = Link("rail", "cart", kind="prismatic")
+        robot = load_nominal_arm(
+            written(tmp_path / "robot.urdf", "r", rail),
+            sheet={"armature": [1.5], "encoder_step": 1e-5},
+        )
+        effects = (
+            AppliedEffect("torque_offset", (1,), {"torque": [3.0]}),
+            AppliedEffect("load_friction", (1,), {"coefficient": [0.1]}),
+        )
+        _, missing = exported(CorrectedArm(robot, effects), "urdf", tmp_path)
+        text = "\n".join(missing)
+        assert {"3 N", "1.5 kg", "1e-05 m"} <= set(
+            re.findall(r"[\d.e-]+ [Nkgm]+\b", text)
+        )
+        assert not re.search(r"N m|m\^2|rad", text)
 
     @pytest.mark.parametrize("form", FORMATS)
     def test_every_effect_is_held_or_told(

@@ -339,7 +339,7 @@ def test_ros2_control_feeds_viscous_friction_forward(
     assert (four["p"], four["u_clamp_max"], four["u_clamp_min"]) == (400, 20, -20)
     # 1.2 times what is commanded arrives, so that less has to be
     assert three["ff_velocity_scale"] == pytest.approx(0.5 / 1.2, rel=1e-5)
-    assert "lbr_iiwa_joint_6: -0.02 rad" in text
+    assert "lbr_iiwa_joint_6: -0.02\n" in text
 
 
 @pytest.mark.parametrize("form", PYTHON)

@@ -309,8 +309,8 @@ def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, .
             # the step did not allow the stiffness: more than rounding is told
             if distance > 1.01 * drive.presliding:
                 notes.append(
-                    f"presliding of {joint}: friction builds up over {distance:.3g} rad in place of "
-                    f"{drive.presliding:.3g}, which steps of {step:.3g} s cannot hold"
+                    f"presliding of {joint}: friction builds up over {distance / drive.presliding:.3g} times its "
+                    f"distance, since steps of {step:.3g} s cannot hold it"
                 )
     text = rendered(
         "mjcf.xml.j2",

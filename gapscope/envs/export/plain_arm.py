@@ -39,6 +39,7 @@ from gapscope.arm.dynamics.plain_urdf import (
     numbers,
 )
 from gapscope.arm.dynamics.rigid_body import RigidBody, joint_motion
+from gapscope.arm.joint_units import common_unit
 from gapscope.arm.nominal import FRICTION_SMOOTHING, NominalArm
 from gapscope.effects.actuation import MIN_FALL
 from gapscope.effects.applied import AppliedEffect
@@ -405,6 +406,7 @@ def left_out(arm: PlainArm, target: Target) -> tuple[str, ...]:
         # rotors are told in total, nominal and found
         held.add("rotor")
     gear, rotors, distances = (arm.drives[x] for x in ("gear", "rotor", "presliding"))
+    sliding = corrected.arm.sliding
     lines = []
     for applied in corrected.effects:
         effect = applied.effect
@@ -426,12 +428,13 @@ def left_out(arm: PlainArm, target: Target) -> tuple[str, ...]:
         lines.append(described(applied, corrected.arm, hint))
     if target.whole and "rotor" not in target.held and rotors.any():
         lines.append(
-            f"armature (nominal and found), joints in order: inertia {_figures(rotors.to_numpy())} kg m^2"
+            f"armature (nominal and found), joints in order: inertia {_figures(rotors.to_numpy())} "
+            f"{common_unit('kg m^2', sliding)}"
         )
     if "presliding" not in held and distances.any():
         figures = ", ".join(f"{n} {x:.6g}" for n, x in distances.items() if x)
         lines.append(
-            f"presliding, {figures} rad: dry friction sets in at once, not over this distance"
+            f"presliding, {figures} {common_unit('rad', sliding)}: dry friction sets in at once, not over this distance"
         )
     if corrected.residual is not None:
         lines.append(
@@ -441,7 +444,7 @@ def left_out(arm: PlainArm, target: Target) -> tuple[str, ...]:
         return tuple(lines)
     if corrected.arm.encoder_step:
         lines.append(
-            f"resolution of the encoders: {corrected.arm.encoder_step:.4g} rad"
+            f"resolution of the encoders: {corrected.arm.encoder_step:.4g} {common_unit('rad', sliding)}"
         )
     if target.name == "mjcf" and (arm.drives["velocity"] < np.inf).any():
         lines.append("velocity limits of the joints: MuJoCo knows none")
@@ -468,17 +471,18 @@ def described(applied: AppliedEffect, arm: NominalArm, hint: str | None = None) 
         arm: the nominal arm.
         hint: what to do, in place of what holds for every format.
     """
+    own = [arm.sliding[joint - 1] for joint in applied.joints]
     values = "; ".join(
         f"{p.name} {_figures(applied.parameters[p.name])}"
-        + ("" if p.unit == "1" else f" {p.unit}")
+        + ("" if p.unit == "1" else f" {common_unit(p.unit, own)}")
         for p in map(applied.effect.parameter, applied.given)
     )
     nearest = nearest_friction(CorrectedArm(arm, (applied,)))
     if not hint and nearest.any():
         figures = _figures(nearest[np.array(applied.joints) - 1])
         hint = (
-            f"nearest: Coulomb friction higher by {figures} N m, the coefficient times the RMS of the load over all "
-            "postures; better, times the load of your motion"
+            f"nearest: Coulomb friction higher by {figures} {common_unit('N m', own)}, the coefficient times the RMS "
+            "of the load over all postures; better, times the load of your motion"
         )
     hint = hint or applied.effect.without
     end = f" ({hint})" if hint else ""

@@ -78,8 +78,9 @@ class Allowed:
     Attributes:
         motion: of position [rad], velocity [rad/s] and acceleration [rad/s^2].
         torque: largest nominal torque [N m], shape (n,).
-        singular: least singular value of the tool's Jacobian, as ``gapscope.arm.dynamics.kinematics`` has it; 0
-        if it may be any. clearance: least distance between bodies, and to the surface [m].
+        singular: least singular value of the tool's Jacobian, as ``gapscope.arm.dynamics.kinematics`` has it; 0 if it
+            may be any.
+        clearance: least distance between bodies, and to the surface [m].
     """
 
     motion: Limits
