@@ -1100,7 +1100,8 @@ class VectorArmTracking(VectorEnv):
         threads: int = 0,
         **options: Any,
     ) -> None:
-        check_values({"num_envs": num_envs}, "environment", "environment")
+        given = {"num_envs": num_envs, "threads": threads}
+        check_values(given, "environment", "environment")
         self.num_envs = num_envs
         engine = options.pop("engine", None) or "mujoco"
         if options.get("render_mode") is not None:
@@ -1171,8 +1172,8 @@ class VectorArmTracking(VectorEnv):
         """
         count = self.num_envs
         seeds: Any = [None] * count if seed is None else seed
-        if isinstance(seed, int):
-            seeds = [seed + number for number in range(count)]
+        if isinstance(seed, (int, np.integer)):
+            seeds = [int(seed) + number for number in range(count)]
         options = dict(options or {})
         each = options.pop("each", [{}] * count)
         for name, values in (("seed", seeds), ("options['each']", each)):

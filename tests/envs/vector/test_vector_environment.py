@@ -161,7 +161,7 @@ def test_made_by_name(data_sheet_arm: NominalArm) -> None:
 def test_options_for_each_environment(data_sheet_arm: NominalArm) -> None:
     payload = AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.1]})
     env = VectorArmTracking(2, data_sheet_arm, episode_length=0.1)
-    env.reset(seed=0, options={"each": [{"effects": payload}, {}]})
+    env.reset(seed=np.int64(0), options={"each": [{"effects": payload}, {}]})
     assert [len(effects) for effects in env.effects] == [1, 0]
     with pytest.raises(InputError, match="expected 2, one for each environment"):
         env.reset(options={"each": [{}]})
@@ -173,6 +173,8 @@ def test_options_for_each_environment(data_sheet_arm: NominalArm) -> None:
         ({"render_mode": "rgb_array"}, "draws nothing"),
         ({"autoreset_mode": "Disabled"}, "expected NextStep or SameStep"),
         ({"num_envs": 0}, "whole number from 1 on"),
+        ({"threads": -1}, "whole number from 0 on"),
+        ({"threads": 1.5}, "whole number from 0 on"),
     ],
 )
 def test_what_it_does_not_do_is_refused(options: dict, message: str) -> None:
