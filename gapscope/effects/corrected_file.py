@@ -122,6 +122,13 @@ def _with_states(states: Sequence[State]) -> list[dict[str, Any]]:
     return common + placed
 
 
+NO_REMAINDER = (
+    "the remainder of the bodies is left out: links with it need not be possible, so that it adds to predicted torque "
+    "alone"
+)
+"""What is said if an arm is to be simulated."""
+
+
 def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
     """Effects from a file of the form of ``corrected.yaml``, for a simulator: a residual network is left out.
 
@@ -139,8 +146,7 @@ def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
         )
     if content.get("remainder"):
         warnings.warn(
-            f"{path}: the remainder of the bodies is left out: links with it need not be possible, so that it adds to "
-            "predicted torque alone",
+            f"{path}: {NO_REMAINDER}",
             ModelWarning,
             stacklevel=2,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from gapscope.arm.control import FEEDFORWARDS
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.io.json_file import plain, schema_fault
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.named_motions import check_motion_name
@@ -19,6 +20,7 @@ from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.corrected_file import NO_REMAINDER
 
 READ = "read one with gapscope.effects.corrected_file.read_corrected_arm(arm, path)"
 """How to come by an arm to simulate."""
@@ -261,4 +263,6 @@ def chosen_base(
             where="simulated",
         )
     simulated.check()
+    if simulated.remainder is not None:
+        warnings.warn(f"simulated: {NO_REMAINDER}", ModelWarning, stacklevel=3)
     return simulated

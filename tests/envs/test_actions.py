@@ -7,7 +7,7 @@ import pytest
 
 from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -102,3 +102,6 @@ def test_simulated_arms_are_checked(pendulum, data_sheet_arm: NominalArm) -> Non
     friction = AppliedEffect("viscous_friction", (1,), {"coefficient": [1.0]})
     with pytest.raises(InputError, match="leave them out"):
         ArmTracking(pendulum(), simulated=CorrectedArm(pendulum()), effects=(friction,))
+    predicts = CorrectedArm(pendulum(), remainder=np.full((1, 10), 0.01))
+    with pytest.warns(ModelWarning, match="remainder of the bodies is left out"):
+        ArmTracking(pendulum(), simulated=predicts).close()
