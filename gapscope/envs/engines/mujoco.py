@@ -54,12 +54,10 @@ def arm_model(
 
 
 class OneArm:
-    """An arm alone, with the methods of ``mujoco.batch.Batch`` that are used here, whose steps take longer."""
+    """An arm alone, with the methods of ``mujoco.batch.Batch`` that it needs, whose steps take longer."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model, self._data = model, mujoco.MjData(model)
-        # data of its own: computing constants would move the arm
-        self._spare = mujoco.MjData(model)
 
     def bind(self, name: str) -> np.ndarray:
         """A field of the data, shape (1, ...)."""
@@ -67,13 +65,7 @@ class OneArm:
 
     def expand(self, name: str) -> np.ndarray:
         """A field of the model, shape (1, ...)."""
-        owner, _, field = name.rpartition(".")
-        holder = getattr(self._model, owner) if owner else self._model
-        return np.asarray(getattr(holder, field))[None]
-
-    def set_const(self, numbers: list[int]) -> None:
-        """Compute what follows from masses and inertias."""
-        mujoco.mj_setConst(self._model, self._spare)
+        return np.asarray(getattr(self._model, name))[None]
 
     def reset(self, numbers: list[int], stage: int) -> None:
         """Forget the past."""
@@ -132,6 +124,8 @@ class MuJoCoBodies(Bodies):
 
     def set_bodies(self, number: int, body: RigidBody) -> None:
         """Give an arm, numbered from 0, other bodies of the same structure, and another gravity."""
+        # an arm alone is made anew instead
+        assert isinstance(self._batch, Batch)
         links = moving_links(body)
         # expanded when they are first changed: most batches only differ in their drives
         if self._bodies is None:
