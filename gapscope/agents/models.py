@@ -19,7 +19,7 @@ from gapscope.arm.nearest_name import nearest
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected_arm
-from gapscope.effects.effect import Effect, External, Inertial, Transmission
+from gapscope.effects.effect import Effect, Inertial, Transmission
 from gapscope.effects.effect import Path as TorquePath
 from gapscope.envs.actions import Control
 
@@ -83,16 +83,12 @@ class ArmModel:
 
     def __init__(self, corrected: CorrectedArm) -> None:
         corrected.check()
-        # a force belongs to the recording in which it acted, not to the arm
-        lasting = tuple(
-            e for e in corrected.effects if not isinstance(e.effect, External)
-        )
-        self._corrected = replace(corrected, effects=lasting)
+        self._corrected = corrected.lasting
         self._nominal = RigidBody(corrected.arm, most_bytes=0)
         self._body = self._corrected.body(self._nominal)
         # delay and lag both shift torque in time, to first order
         self.ahead = corrected.quantity("delay") + corrected.quantity("lag")
-        instant = tuple(e for e in lasting if _instant(e.effect))
+        instant = tuple(e for e in self._corrected.effects if _instant(e.effect))
         self._instant = replace(self._corrected, effects=instant)
 
     @property

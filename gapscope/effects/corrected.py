@@ -106,6 +106,12 @@ class CorrectedArm:
     states: tuple[State, ...] = ()
 
     @property
+    def lasting(self) -> CorrectedArm:
+        """The arm without forces from outside, which belong to the recording in which they acted."""
+        own = tuple(e for e in self.effects if not isinstance(e.effect, External))
+        return replace(self, effects=own)
+
+    @property
     def known(self) -> tuple[str, ...]:
         """Recordings of which the state is known, if that differs; the last one last."""
         every = (name for state in self.states for name in state.place.recordings)

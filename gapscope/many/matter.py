@@ -31,7 +31,6 @@ from gapscope.diagnosis.compare_units import read_ranges
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import External
 from gapscope.envs.actions import control
 from gapscope.envs.effect_ranges import Z95, EffectRange
 from gapscope.envs.engines import check_engine
@@ -208,8 +207,7 @@ def matter(
     states, arm = corrected.states, corrected.arm
     # as the arm was at the end
     found = states[-1].effects if states else corrected.effects
-    # a force from outside belongs to its recording, not to the arm
-    lasting = tuple(e for e in found if not isinstance(e.effect, External))
+    lasting = replace(corrected, effects=found).lasting.effects
     if not lasting:
         raise InputError(
             "no effect was found that could matter",

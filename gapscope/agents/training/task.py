@@ -25,7 +25,6 @@ from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.compare_units import read_ranges
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import External
 from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.environment import ArmTracking, VectorArmTracking
 from gapscope.envs.mystery_arm import HIDDEN
@@ -172,10 +171,7 @@ class Task(NamedTuple):
             InputError: no such model, or one of an arm with other joints.
         """
         believed = CorrectedArm(arm) if source in ROUGH else read_arm(source, arm)
-        lasting = tuple(
-            e for e in believed.effects if not isinstance(e.effect, External)
-        )
-        known = replace(believed, effects=lasting)
+        known = believed.lasting
         ranges = None
         # the 95 % intervals of the diagnosis that wrote a corrected.yaml, if it lies beside it unchanged
         if Path(source).suffix in (".yaml", ".yml"):
