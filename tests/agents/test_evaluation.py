@@ -127,6 +127,9 @@ def test_computed_torque_needs_a_model_with_inertia(two: NominalArm) -> None:
         {"disturbances": ("wind",)},
         {"engines": ("unity",)},
         {"duration": 0.0},
+        {"seeds": (-1,)},
+        {"seeds": (0, 1.5)},
+        {"seeds": ("a",)},
     ],
 )
 def test_bad_plans_are_refused(bad: dict) -> None:

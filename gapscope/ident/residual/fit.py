@@ -105,9 +105,12 @@ class ResidualSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check what must be one of a few."""
+        """Check what must be one of a few, and how many there are; a member learns what another holds out."""
         check_known("form", self.form, (BEST, *FORMS), where="form")
         check_known("choice", self.apart, (BEST, *APART), where="apart")
+        for name, least in (("members", 2), ("hidden", 1), ("steps", 1)):
+            if getattr(self, name) < least:
+                raise InputError(f"give {least} or more", where=name)
 
     @property
     def forms(self) -> tuple[str, ...]:

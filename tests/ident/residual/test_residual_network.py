@@ -101,6 +101,12 @@ def test_without_a_trajectory_nothing_is_learnt() -> None:
         fit_residual([], ResidualSettings())
 
 
+@pytest.mark.parametrize("few", [{"members": 1}, {"hidden": 0}, {"steps": 0}])
+def test_settings_that_train_nothing_are_refused(few: dict[str, int]) -> None:
+    with pytest.raises(InputError, match="or more"):
+        ResidualSettings(**few)
+
+
 # The same network by numpy, by torch in training, and exported: one number.
 
 
