@@ -389,8 +389,9 @@ below 2, those that shake between their torque limits are above 50 (``docs/feedf
 SPAN = 0.01
 """Time over which speeds and torque rates are taken, long beside a step of the encoders [s]."""
 FACTORS = 2.0 ** np.arange(-4, 7)
-LOWEST, HIGHEST = float(FACTORS[0]), float(FACTORS[-1])
 """Factors on the bandwidth between which the margin is sought [1]."""
+HIGHEST = float(FACTORS[-1])
+"""The largest of them."""
 RESOLUTION = 0.02
 """The bisection ends when its interval is this narrow [1]."""
 
@@ -441,7 +442,7 @@ def largest_factor(stable: Callable[[float], bool]) -> float:
     """Largest factor f for which ``stable(f)`` holds, by halving or doubling from 1 and then bisection of log f.
 
     A loop that is stable at f is assumed stable below, down to the first stable one: gains may be too small to hold
-    the arm. Sought between ``LOWEST`` and ``HIGHEST``, which is returned if it is stable; 0 if nothing is.
+    the arm. Sought within ``FACTORS``, whose largest is returned if it is stable; 0 if nothing is.
     """
     # from 1 downward, and only then upward
     order = sorted(FACTORS.tolist(), key=lambda f: (f > 1, abs(np.log2(f))))

@@ -265,9 +265,7 @@ MIN_SHARE = 0.01
 TANH_SHARES = (0.3683, 0.1010, 0.5307)
 """Shares w_i of the bristles that together are tanh(x), sum_i w_i (1 - exp(-(x / s_i)^2)); see ``TANH_SPEEDS``."""
 TANH_SPEEDS = (0.4220, 0.0713, 1.1432)
-"""Their s_i [1]: the minimax fit for all x, wrong by at most ``TANH_ERROR``."""
-TANH_ERROR = 0.012
-"""Largest error of the three bristles for tanh(x) [1]."""
+"""Their s_i [1]: the minimax fit for all x, wrong by at most 0.012."""
 
 
 def as_mjcf(arm: PlainArm, out: Path, relative: bool) -> tuple[str, tuple[str, ...]]:
@@ -394,7 +392,7 @@ def builds_up(drive: pd.Series) -> bool:
 
 
 def saturating_bristles(drive: pd.Series, step: float) -> tuple[Bristle, ...]:
-    """Saturating friction d tanh(v / vt) as bristles that carry nothing at rest, to ``TANH_ERROR`` of d.
+    """Saturating friction d tanh(v / vt) as bristles that carry nothing at rest, to 0.012 d.
 
     They need no damping, as they do not stick.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
@@ -189,14 +189,11 @@ class BaseParameters:
         names: names of pi, shape (p,).
         kept: places in pi of the parameters that represent the combinations, shape (b,), ascending.
         combination: C, shape (b, p); its columns at ``kept`` are the identity.
-        pivots: magnitude of the diagonal of R of the pivoted QR of the unit columns, shape (p,), falling: the spectrum
-            whose gap decides b.
     """
 
     names: tuple[str, ...]
     kept: np.ndarray
     combination: np.ndarray
-    pivots: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @property
     def count(self) -> int:
@@ -207,13 +204,6 @@ class BaseParameters:
     def kept_names(self) -> tuple[str, ...]:
         """Names of the parameters that represent the combinations, shape (b,)."""
         return tuple(self.names[k] for k in self.kept)
-
-    @property
-    def gap(self) -> float:
-        """Smallest kept over largest dropped pivot; infinite if none was dropped or pivots are not known."""
-        if len(self.pivots) <= self.count:
-            return float("inf")
-        return float(self.pivots[self.count - 1] / max(self.pivots[self.count], FLOOR))
 
     @property
     def dropped(self) -> np.ndarray:
@@ -302,12 +292,7 @@ def base_parameters(Y: np.ndarray, names: Sequence[str]) -> BaseParameters:
     weights[np.abs(weights) < ROUNDING] = 0.0
     weights *= norms / norms[kept, None]
     weights[:, kept] = np.eye(count)
-    return BaseParameters(
-        names=names,
-        kept=kept,
-        combination=weights,
-        pivots=pivots,
-    )
+    return BaseParameters(names, kept, weights)
 
 
 def structural_base(regressor: Regressor, rng: np.random.Generator) -> BaseParameters:
