@@ -87,7 +87,7 @@ class Moment(NamedTuple):
     """When something changes.
 
     Attributes:
-        time: likeliest moment, since the start of the recording [s].
+        time: likeliest moment, by the recording's own clock [s].
         interval: in which it lies with a probability of ``SURE`` [s].
     """
 
@@ -376,10 +376,10 @@ def changes_of(
     about = fitted_arm(rows, arm, tuple(range(len(recordings))))
     slipped = _slipped(given, rows, about)
     told = _by_torque(rows, about, {}, None, ask, progress)
-    clocks = [(one.name, float(one.t[0])) for one in recordings]
-    moved = partial(_moved_by, recordings=recordings)
-    found = _changes(told, clocks, moved) if told.found else ()
-    number = {recording.name: k for k, recording in enumerate(recordings)}
+    names = [one.name for one in recordings]
+    moved = partial(_moved_by, names=names)
+    found = _changes(told, names, moved) if told.found else ()
+    number = {name: k for k, name in enumerate(names)}
     every = sorted((*slipped, *found), key=lambda c: (number[c.recording], c.time))
     return Changes(tuple(every), told.between)
 
@@ -491,8 +491,8 @@ def changes_since(
         # what looks unknown may be noise that grew: both are told
         louder = _louder(told.fit, odds)
         return Since(told.fit, unknown={joint + 1: since}, louder=louder)
-    # a stream has one clock, and nobody asks where a term moves what
-    changes = _changes(told, [("", 0.0)] * 2, lambda made, term: {})
+    # nobody asks where a term moves what
+    changes = _changes(told, ["", ""], lambda made, term: {})
     steps = {
         (one.term, told.when[one][0].time): value
         for one, value in told.found.fit.values.items()
@@ -562,7 +562,7 @@ def _slipped(
             # the reading says so itself: no other hypothesis competes
             probability=1.0,
             support=abs(slip.size) / (STANDS_OUT * slip.error),
-            columns=_moved_by(made, term, recordings),
+            columns=_moved_by(made, term, [one.name for one in recordings]),
         )
 
 
@@ -734,14 +734,14 @@ def _apart(grid: np.ndarray, ends: Sequence[float]) -> list[float]:
 
 def _changes(
     told: _Told,
-    clocks: Sequence[tuple[str, float]],
+    names: Sequence[str],
     moved: Callable[[Design, Term], Moved],
 ) -> tuple[Change, ...]:
     """Each moment at which what spans have of their own comes or goes.
 
     Args:
         told: what changes.
-        clocks: names of the recordings, and the times by their own clocks at which their rows begin to count [s].
+        names: of the recordings.
         moved: what a term moves in them.
     """
     found, spans, moments = told.found, told.spans, told.when
@@ -762,15 +762,13 @@ def _changes(
 
         odds = found.odds[one]
         columns = moved(made, one.term)
-        name, zero = clocks[number]
         for k, moment in enumerate(moments[one]):
-            low, high = (zero + time for time in moment.interval)
             # what ends takes its value away; what a stream always had has come
             comes = k == 0 and (np.isfinite(start) or spans.learnt is not None)
             change = Change(
-                recording=name,
-                time=zero + moment.time,
-                interval=(low, high),
+                recording=names[number],
+                time=moment.time,
+                interval=moment.interval,
                 term=one.term,
                 value=found.fit.values[one] * (1.0 if comes else -1.0),
                 deviation=found.fit.answer.deviations[one],
@@ -786,7 +784,7 @@ def _changes(
     for (number, _), some in out.items():
         changes = _at_once([change for _, change in some], smeared)
         parts = [one for one, _ in some]
-        ramps = _gradual(found, number, parts, changes, clocks[number][1])
+        ramps = _gradual(found, number, parts, changes)
         first: dict[Term, float] = {}
         for one in dict.fromkeys(parts):
             # of what a stream has all along the begin is a change
@@ -847,7 +845,6 @@ def _gradual(
     number: int,
     parts: Sequence[Candidate],
     changes: Sequence[Change],
-    zero: float,
 ) -> list[Change]:
     """One even change in the place of those of a joint in a recording; nothing if it explains less.
 
@@ -860,7 +857,6 @@ def _gradual(
         number: of the recording.
         parts: what has something of its own in spans.
         changes: that it makes, each once.
-        zero: by the recording's own clock when its rows begin to count [s].
     """
     fit = found.fit
     made, left = fit.contrast.design, fit.left
@@ -877,7 +873,7 @@ def _gradual(
         for term in dict.fromkeys(one.term for one in parts)
     }
     # a change at once is told from a short ramp where it is thought to be
-    moments = [change.time - zero for change in changes]
+    moments = [change.time for change in changes]
     _, right, gram = _in_bins(made, mine, moments, without - left, without, variance)
     score = right.sum() ** 2 / max(float(gram.sum()), SMALLEST) / 2
     score += sum(cost[change.term] for change in changes)
@@ -905,9 +901,9 @@ def _gradual(
     return [
         replace(
             like,
-            time=zero + ramp.begin,
-            interval=(zero + ramp.begins[0], zero + ramp.begins[1]),
-            until=zero + ramp.end,
+            time=ramp.begin,
+            interval=ramp.begins,
+            until=ramp.end,
             value=ramp.share * like.value,
             deviation=np.abs(ramp.share) * like.deviation,
         )
@@ -961,14 +957,14 @@ def _largest(term: Term, changes: Sequence[Change], whole: bool) -> Change:
     return largest
 
 
-def _moved_by(made: Design, term: Term, recordings: Sequence[Recording]) -> Moved:
+def _moved_by(made: Design, term: Term, names: Sequence[str]) -> Moved:
     """Times of rows, and the torque that each coordinate of a term makes there, by name of the recording."""
     rows, out = made.rows, {}
     units = [made.torque(term, unit) for unit in np.eye(len(term.columns))]
     torque = np.stack([rows.in_newton_metres(unit) for unit in units], axis=2)
-    for k, recording in enumerate(recordings):
+    for k, name in enumerate(names):
         mine = rows.recording == k
-        out[recording.name] = float(recording.t[0]) + rows.t[mine], torque[mine]
+        out[name] = rows.t[mine], torque[mine]
     return out
 
 

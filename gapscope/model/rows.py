@@ -158,7 +158,7 @@ class DecimatedSegments:
         return max(1, int(segment.motion.rate // (PER_CUTOFF * self.cutoff)))
 
     def time(self, segment: Segment) -> np.ndarray:
-        """Time of a segment's rows since the start of its recording [s], (M,)."""
+        """Time of a segment's rows by the clock of its recording [s], (M,)."""
         return segment.motion.t[self.taken(segment)]
 
 
@@ -224,7 +224,7 @@ class Rows(DecimatedSegments):
         measured: the same but for friction, (M, n).
         sticking: RMS of what dry friction hides at rest, over the joint's scale [1], (M, n).
         scale: normalisation of the torque gap over all rows of the first group [N m], (n,).
-        t: time since the start of the recording [s], (M,).
+        t: time by the recording's own clock [s], (M,).
         position, velocity: [rad], [rad/s], (M, n).
         holding: what ``held`` was told.
         kept: what the last design, about some arm, took of segments.

@@ -245,13 +245,18 @@ def test_nothing_changes() -> None:
     "what", daily(CHANGED, ("torque_scale", 2)), ids=lambda what: what[0]
 )
 def test_what_changes_when_and_by_how_much(what: tuple[str, int]) -> None:
+    """In a recording that goes on where another log ended: by its own clock."""
     later, value = CHANGED[what]
-    (change,) = found(later, MOMENT)
+    one, changed = changing(later, MOMENT)
+    changed = replace(changed, t=20.0 + changed.t)
+    (change,) = changes_of((one, changed), vendor()).during
     assert (change.term.effect, change.term.joint) == what
-    assert change.recording == recordings(STEADY, 1)[1].name
-    assert change.time == pytest.approx(MOMENT, abs=0.1)
+    assert change.recording == changed.name
+    assert change.time == pytest.approx(20.0 + MOMENT, abs=0.1)
     low, high = change.interval
-    assert low <= MOMENT <= high
+    assert low <= 20.0 + MOMENT <= high
+    times, _ = change.columns[changed.name]
+    assert changed.t[0] <= times[0] < times[-1] <= changed.t[-1]
     assert change.value[0] == pytest.approx(value, rel=0.15)
     assert change.probability > 0.9 and change.support > 1.0
     assert change.until is None
