@@ -80,7 +80,8 @@ def gap_on_rows(
     gaps = []
     for segment in rows.segments:
         assert segment.torque is not None
-        predicted = corrected.predict(segment.bodies(body), segment.motion)
+        # a limit cuts off what is recorded, not what is needed
+        predicted = corrected.unlimited.predict(segment.bodies(body), segment.motion)
         delivered = corrected.delivered(segment.torque, segment.motion)
         gaps.append(segment.bridged(delivered - predicted))
     return rows.rows(gaps)

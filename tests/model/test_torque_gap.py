@@ -17,8 +17,9 @@ from gapscope.effects.environment import tilt
 from gapscope.model.conditioning import Segment, condition, torque_scale
 from gapscope.model.jacobian import Bodies, LinearisationPoint
 from gapscope.model.readings import gravity_by_torque, turn_of_base
+from gapscope.model.rows import Rows
 from gapscope.model.terms import Terms
-from gapscope.model.torque_gap import torque_gap
+from gapscope.model.torque_gap import gap_on_rows, torque_gap
 
 
 def segments(truth: synthetic.Truth, rate: float = 250.0) -> list[Segment]:
@@ -94,6 +95,19 @@ def test_several_segments_are_stacked_before_they_are_normalised() -> None:
     np.testing.assert_allclose(found.nrmse, nrmse(found.measured, found.predicted))
     assert found.edges == tuple(np.cumsum([0, *(len(p.measured) for p in parts)]))
     np.testing.assert_array_equal(found.error, found.measured - found.predicted)
+
+
+def test_a_limit_that_is_none_leaves_a_gap() -> None:
+    """It cuts off what was recorded, and not what is needed: on rows as on all samples."""
+    (one, *_) = synthetic.recordings(synthetic.Truth(), duration=6.0)
+    rows, body = Rows.recorded([[one]]), synthetic.body()
+    limit = np.quantile(np.abs(one.tau[:, 1]), [0.5])
+    believed = AppliedEffect("torque_saturation", (2,), {"limit": limit})
+    arm = CorrectedArm(synthetic.arm(), (believed,))
+    found = np.sqrt((gap_on_rows(rows, arm, body) ** 2).mean(axis=0))
+    expected = torque_gap(arm, body, condition(one)).rmse
+    assert found[1] > 1.0
+    np.testing.assert_allclose(found, expected, rtol=0.05, atol=0.01)
 
 
 # Changes of a prediction, against predictions of the changed arms.
