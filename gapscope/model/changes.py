@@ -422,8 +422,7 @@ def own_of_units(
     alone = [(group,) for group in every]
     about = fitted_arm(rows, arm, every)
     found = Search(rows, about, alone, every, day, every, together=alone).run()
-    probabilities = found.probabilities_of(lambda one: one)
-    names = list(units)
+    probabilities, names = found.probabilities, list(units)
     changes = [
         Change(
             recording=names[group],
@@ -885,7 +884,7 @@ def _gradual(
         moved = np.sum(torques, axis=0)
         own = _in_bins(made, mine, moments, moved, without, variance)
         # the filter makes a step as wide: a shorter ramp looks like one
-        ramp = best_ramp(*own, 4 * SMEARED / rows.cutoff, SURE)
+        ramp = best_ramp(*own, 4 * SMEARED / rows.cutoff)
         if ramp is not None:
             # its end is one more parameter than a step has
             odds = sum(cost[term] for term in terms) + float(np.log(UNUSUAL))
@@ -985,7 +984,7 @@ class Ramp(NamedTuple):
 
     Attributes:
         begin, end: of it [s].
-        begins: between which moments it begins, with a given probability [s].
+        begins: between which moments it begins with a probability of ``SURE`` [s].
         share: what it reaches, over the term's torque [1].
         explained: that is explained [nats].
         mean: evidence of a ramp between any two moments, each pair as likely [nats].
@@ -1006,7 +1005,6 @@ def best_ramp(
     right: np.ndarray,
     gram: np.ndarray,
     shortest: float,
-    sure: float,
 ) -> Ramp | None:
     """The likeliest ramp of a term in a recording; ``None`` if none fits into it.
 
@@ -1015,7 +1013,6 @@ def best_ramp(
         right: sum of r d / s^2 over the rows of each bin and all joints, (B,).
         gram: the same of d of one bin times d of another, beside what is shared, (B, B).
         shortest: a shorter ramp is none [s].
-        sure: probability that it begins between the moments that are told [1].
     """
     # pairs in the wrong order as well: their length sorts them out
     a, b = (x.ravel() for x in np.meshgrid(edges, edges))
@@ -1029,14 +1026,14 @@ def best_ramp(
     of_ramps = np.where(b - a >= shortest, gain, -np.inf)
     width = np.diff(edges).max()
     # once more, about where it is likely to begin and to end
-    likely = [_likely_within(moments, of_ramps, sure) for moments in (a, b)]
+    likely = [_likely_within(moments, of_ramps) for moments in (a, b)]
     near = (np.linspace(x - width, y + width, WINDOW_EDGES) for x, y in likely)
     a, b = (x.ravel() for x in np.meshgrid(*near))
     longer = b - a >= shortest
     a, b = a[longer], b[longer]
     gain, share = _explained(t, right, gram, a, b)
     k = int(gain.argmax())
-    low, high = _likely_within(a, gain, sure)
+    low, high = _likely_within(a, gain)
     step = float(np.ptp(a)) / WINDOW_EDGES
     begins = low - step, high + step
     return Ramp(
@@ -1062,13 +1059,11 @@ def _explained(
     return share * pull / 2, share
 
 
-def _likely_within(
-    moments: np.ndarray, gain: np.ndarray, sure: float
-) -> tuple[float, float]:
-    """Moments, (K,), between which one of the pairs of these log evidences lies with a probability [s]."""
+def _likely_within(moments: np.ndarray, gain: np.ndarray) -> tuple[float, float]:
+    """Moments, (K,), between which one of the pairs of these log evidences lies with a probability of ``SURE`` [s]."""
     order = np.argsort(moments, kind="stable")
     likely = np.exp(gain - gain.max())[order].cumsum()
-    ends = np.searchsorted(likely / likely[-1], [(1 - sure) / 2, (1 + sure) / 2])
+    ends = np.searchsorted(likely / likely[-1], [(1 - SURE) / 2, (1 + SURE) / 2])
     low, high = moments[order][np.minimum(ends, len(order) - 1)]
     return float(low), float(high)
 

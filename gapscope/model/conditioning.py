@@ -23,7 +23,7 @@ from gapscope.arm.io.plausibility import SHORTEST_LOG
 from gapscope.arm.io.table import GAP_STEPS
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.recording import Recording, held_torque, torque_step
+from gapscope.arm.recording import Recording, held_torque
 
 TORQUE_CUTOFF = 12.0
 """Cut-off of the torque gap [Hz], by definition of ``torque_nrmse``."""
@@ -75,7 +75,6 @@ class Segment:
         payload: known body that was mounted on the last link, or ``None``.
         unknown: samples whose torque was not measured, and what the filters make of them, mask (N, n): limits that were
             reached, stuck sensors; ``None`` if there are none.
-        torque_step: in which the torque was recorded [N m], (n,), 0 for none; ``None`` if no joint's has any.
         temperature: of the joints on the same grid [deg C], (N, n), or ``None``.
     """
 
@@ -85,7 +84,6 @@ class Segment:
     torque_sensor: np.ndarray | None = None
     payload: KnownLoad | None = None
     unknown: np.ndarray | None = None
-    torque_step: np.ndarray | None = None
     temperature: np.ndarray | None = None
 
     def bodies(self, nominal: RigidBody) -> RigidBody:
@@ -459,7 +457,6 @@ def _segment(recording: Recording, span: slice, cutoffs: np.ndarray) -> Segment:
         filtered = _anti_aliased(regular, rate, step)
         return None if filtered is None else filtered[::step]
 
-    steps = None if recording.tau is None else torque_step(recording.tau)
     return Segment(
         recording=recording.name,
         motion=motion,
@@ -467,7 +464,6 @@ def _segment(recording: Recording, span: slice, cutoffs: np.ndarray) -> Segment:
         torque_sensor=on_grid(recording.tau_sensor),
         payload=recording.payload,
         unknown=_unknown_torque(recording, span, grid),
-        torque_step=None if steps is None or not steps.any() else steps,
         temperature=on_grid(recording.temperature),
     )
 

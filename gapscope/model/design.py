@@ -547,8 +547,9 @@ def drawn_waves(state: np.ndarray, count: int) -> np.ndarray:
 def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     """The arm that predicts some groups best: bodies, rotors, friction, springs and offsets, whatever they are.
 
-    Ridge regression: inertials within their own size of the nominal ones, all else as large as the torque; joints
-    weighted by what is left. From then on ``rows`` are trusted less where its dry friction may hold a joint.
+    Ridge regression: inertials within three times their own size of the nominal ones, all else twice the deviation of
+    the torque; joints weighted by what is left. From then on ``rows`` are trusted less where its dry friction may hold
+    a joint.
     """
     start = FreeArm.nominal(arm)
     n, terms = arm.n_joints, Terms(arm.n_joints, {}, arm.coupled_motors)

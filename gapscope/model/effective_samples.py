@@ -29,22 +29,23 @@ def band_samples(seconds: float, bandwidth: float) -> float:
     return 2 * bandwidth * seconds
 
 
-def variance_inflation(
-    residual: np.ndarray, group: np.ndarray, longest: int = 1000
-) -> np.ndarray:
+LONGEST = 1000
+"""Largest lag that is summed over [1]. (budget)"""
+
+
+def variance_inflation(residual: np.ndarray, group: np.ndarray) -> np.ndarray:
     """1 + 2 sum_k rho_k per joint [1], at least 1, shape (n,): how many samples count as one.
 
     The factor by which the variance of a mean, or of a parameter whose regressor is slower than the noise, exceeds
-    that of white noise. The sum ends at the first rho_k below 0, or at ``longest`` samples.
+    that of white noise. The sum ends at the first rho_k below 0, or at ``LONGEST`` samples.
 
     Args:
         residual: shape (N, n).
         group: shape (N,), integers in non-decreasing order.
-        longest: largest lag in samples.
 
     Source: bayley1946.
     """
-    lags = min(len(residual) - 1, longest)
+    lags = min(len(residual) - 1, LONGEST)
     covariance = autocovariance(residual, group, lags)
     rho = covariance[1:] / np.maximum(covariance[0], SMALLEST)
     # beyond the first negative value the estimates are noise around zero

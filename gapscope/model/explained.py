@@ -43,12 +43,7 @@ class Explained:
     @property
     def before(self) -> np.ndarray:
         """Gap without any of the terms [N m], (M, n)."""
-        return self.with_only(())
-
-    def with_only(self, terms: Sequence[Candidate]) -> np.ndarray:
-        """Gap with some of the terms [N m], (M, n)."""
-        others = [x for one, x in self.torque.items() if one not in terms]
-        return np.asarray(sum(others, self.after))
+        return np.asarray(sum(self.torque.values(), self.after))
 
     def nrmse(self, gap: np.ndarray) -> np.ndarray:
         """``torque_nrmse`` of a gap [N m], (n,)."""

@@ -221,15 +221,12 @@ class Terms:
             values,
         )
 
-    def clipped(
-        self, theta: np.ndarray, effects: Iterable[str] | None = None
-    ) -> np.ndarray:
-        """Theta with the coordinates of every effect that has bounds, or of those named, moved into them."""
+    def clipped(self, theta: np.ndarray) -> np.ndarray:
+        """Theta with the coordinates of every effect that has bounds moved into them."""
         out = theta.copy()
-        named = None if effects is None else frozenset(effects)
         for effect in self.definitions:
             clip = effect.fitted.clip
-            if clip is not None and (named is None or effect.name in named):
+            if clip is not None:
                 block = self.block(effect.name)
                 out[block] = clip(out[block])
         return out
