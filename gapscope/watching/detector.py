@@ -23,6 +23,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import External
 from gapscope.model.changes import (
     PAYLOAD,
     PLAIN_FRICTION,
@@ -83,13 +84,12 @@ class Event:
 
     Attributes:
         event: ``alarm``, ``misfit``, ``drift`` or ``note``.
-        effect: what changed: ``payload``, ``friction``, ``torque_offset``, ``encoder_offset`` or ``other``; empty for
-            a note.
+        effect: what changed: an effect of the catalogue, ``friction`` or ``other``; empty for a note.
         change: in a word or two: ``picked up``, ``risen``; empty for a note.
         joints: from 1; empty for the whole arm.
         recording: in which it happened.
         time: when it began, in the recording's time [s]; ``None`` if it has none.
-        interval: in which it began [s], or ``None``.
+        interval: in which it began with a probability of 95 % [s]; ``None`` if that is not known.
         detected: time of the last sample that was known [s], or ``None``.
         until: when all of it had changed, if it took a while and that is over [s], or ``None``.
         sizes: by name of the parameter.
@@ -143,7 +143,7 @@ class Time(NamedTuple):
 
     recording: str
     begun: float
-    interval: tuple[float, float]
+    interval: tuple[float, float] | None
     detected: float
     until: float | None = None
 
@@ -519,8 +519,6 @@ LEARN = 60.0
 """Motion from which normal behaviour is learnt [s]. (budget)"""
 MIN_BLOCKS = 10
 """Blocks to learn from at least: fewer hold fewer equations than there are parameters."""
-RATE = 100.0
-"""Motions are reduced to no less than this rate, twice Nyquist of the torque's band [Hz]. (budget)"""
 NOW = 60.0
 """Motion that is compared with what was learnt: a change that is slower is a drift [s]. (definition)"""
 LOOK = 6.0
@@ -556,11 +554,13 @@ class Block:
         segment: its samples.
         offset: what the clock of the stream shows at the zero of the recording's [s].
         begun: what the log's own clock shows then [s], 0 if it is not known.
+        rested: temperature of the joints at rest, by that which was measured last [deg C], (n,), or 0.
     """
 
     segment: Segment
     offset: float
     begun: float = 0.0
+    rested: np.ndarray | float = 0.0
 
     @property
     def begin(self) -> float:
@@ -628,7 +628,10 @@ class Detector:
         false_alarms: float = 0.1,
         learning: float = LEARN,
     ) -> None:
-        self.corrected, self.stream = corrected, SegmentStream(corrected.arm.sliding)
+        # a push belongs to the recording in which it acted
+        effects = [e for e in corrected.effects if not isinstance(e.effect, External)]
+        self.corrected = replace(corrected, effects=tuple(effects))
+        self.stream = SegmentStream(corrected.arm.sliding)
         n = corrected.arm.n_joints
         self.state = State(np.zeros(n, dtype=int), np.zeros(n))
         self._nominal = CorrectedArm(corrected.arm)
@@ -674,18 +677,23 @@ class Detector:
             elif np.ptp(item.motion.q, axis=0).max() >= MOVED:
                 yield from self._added(self._block(item))
 
-    def learn_from(self, recordings: Iterable[Recording]) -> Event:
-        """Take recordings as normal, such as those of an earlier diagnosis.
+    def learn_from(self, recordings: Iterable[Recording]) -> list[Event]:
+        """Notes on recordings that are taken as normal, such as those of an earlier diagnosis.
 
         Raises:
             InputError: none of them has a torque and enough motion.
         """
+        said = []
         for recording in recordings:
             self._begun = {recording.name: recording.begun}
             # each recording loses its ends, as in a diagnosis
             for item in (*self.stream.add(recording), *self.stream.finish()):
                 if isinstance(item, Segment):
                     self.state.seen.append(self._block(item))
+                else:
+                    said.append(Event(NOTE, f"in what is learnt {item.sentence}"))
+            # the next recording has zeros of its own
+            self.stream.slipped = 0.0
         if len(self.state.seen) < MIN_BLOCKS:
             raise InputError(
                 f"the case's recordings hold {len(self.state.seen) * BLOCK:.0f} s of motion with torque, "
@@ -693,19 +701,19 @@ class Detector:
                 "learn from the arm's own motion: --learn 60",
                 where="--learn",
             )
-        return self._learn()
+        return [*said, self._learn()]
 
     def _block(self, segment: Segment) -> Block:
         """A segment on the clock of the stream, its torque without what effects of the arm are known to do."""
-        segment = thinned(segment, RATE)
         motion, torque = segment.motion, segment.torque
         assert torque is not None
-        if self.corrected.effects:
-            # effects found already give way to the nominal arm: others are looked for
+        arm = self.corrected
+        if arm.effects or arm.residual or arm.remainder is not None:
+            # what is found already gives way to the nominal arm: other effects are looked for
             body = segment.bodies(self._body)
-            known = self.corrected.unlimited.predict(body, motion)
+            known = arm.unlimited.predict(body, motion)
             without = self._nominal.predict(body, motion)
-            torque = self.corrected.delivered(torque, motion) - known + without
+            torque = arm.delivered(torque, motion) - known + without
         last = self.state.blocks[-1:]
         offset = 0.0
         if last:
@@ -717,9 +725,12 @@ class Detector:
         on_clock = Motion(motion.t + offset, motion.q, motion.dq, motion.ddq)
         block = Block(replace(segment, motion=on_clock, torque=torque), offset, begun)
         if segment.temperature is not None:
-            return block
-        warmth = self._warmed(block, last[0] if last else None)
-        return replace(block, segment=replace(block.segment, temperature=warmth))
+            return replace(block, rested=segment.temperature[-1] - WARM)
+        # what is estimated goes on from what was measured
+        rested = last[0].rested if last else 0.0
+        warmth = rested + self._warmed(block, last[0] if last else None)
+        warm = replace(block.segment, temperature=warmth)
+        return replace(block, segment=warm, rested=rested)
 
     def _warmed(self, block: Block, before: Block | None) -> np.ndarray:
         """How much warmer its own losses have made each joint [K], (N, n).
@@ -734,7 +745,7 @@ class Detector:
         warm: np.ndarray | float = WARM
         if before is not None:
             assert before.segment.temperature is not None
-            warm = before.segment.temperature[-1]
+            warm = before.segment.temperature[-1] - before.rested
             since = motion.t - before.segment.motion.t[-1]
             logged = block.begun - block.offset - before.begun + before.offset
             if block.begun and before.begun and before.offset != block.offset:
@@ -896,7 +907,7 @@ class Detector:
                 # friction as a whole, not a coefficient of it
                 finding["probability"] = likely.get(name, finding["probability"])
                 when = self._time(
-                    finding["time"], tuple(finding["interval"]), finding["until"]
+                    finding["time"], finding["interval"], finding["until"]
                 )
                 sliding = self.corrected.arm.sliding
                 yield alarm(finding, when, others, self._speed(), sliding, event)
@@ -912,8 +923,10 @@ class Detector:
 
     def _is_known(self, change: Change) -> bool:
         # within a span, by which moments move from look to look
+        end = change.time if change.until is None else change.until
         return any(
-            called(term) == called(change.term) and abs(change.time - since) < SPAN
+            called(term) == called(change.term)
+            and change.time - SPAN < since < end + SPAN
             for term, since in self.state.known
         )
 
@@ -978,7 +991,7 @@ class Detector:
     def _time(
         self,
         begun: float,
-        interval: tuple[float, ...] | None = None,
+        interval: tuple[float, float] | None = None,
         until: float | None = None,
     ) -> Time:
         """A moment on the clock of the stream by the clock of its recording, and when it was over."""
@@ -989,15 +1002,16 @@ class Detector:
         mine = [b for b in blocks if b.segment.recording == name]
         # what changed between two recordings shows from the first sample on
         begun = max(begun, mine[0].begin)
-        low, high = interval or (begun, begun)
-        low, high = max(low, mine[0].begin), min(high, mine[-1].end)
         last = blocks[-1]
-        detected = last.end - last.offset
+        detected = last.end - offset
         if until is not None:
             # a change that goes on has no end yet
             goes_on = last.end - until < SPAN / 2
             until = detected if goes_on else until - offset
-        interval = low - offset, high - offset
+        if interval is not None:
+            low, high = interval
+            low, high = max(low, mine[0].begin), min(high, mine[-1].end)
+            interval = low - offset, high - offset
         return Time(name, begun - offset, interval, detected, until)
 
 
@@ -1047,7 +1061,7 @@ def _joined(before: Segment, after: Segment) -> Segment | None:
 
 STATE = "watch_state.npz"
 """Name of the file in the folder of the results."""
-STATE_SCHEMA = 4
+STATE_SCHEMA = 5
 """Version of its form."""
 
 
@@ -1058,7 +1072,8 @@ class Saved:
     Attributes:
         schema: version of its form.
         arm: fingerprint of what it was learnt about: with another arm it is worth nothing.
-        position: of the source.
+        source: its path.
+        position: in the source.
         count: events that were written.
         cutoff, held, slipped: of the stream.
         state: of the detector.
@@ -1066,6 +1081,7 @@ class Saved:
 
     schema: int
     arm: str
+    source: str
     position: dict[str, Any]
     count: int
     cutoff: float | None
@@ -1075,7 +1091,12 @@ class Saved:
 
 
 def save_state(
-    file: Path, detector: Detector, arm: str, position: dict[str, Any], count: int
+    file: Path,
+    detector: Detector,
+    arm: str,
+    source: str,
+    position: dict[str, Any],
+    count: int,
 ) -> None:
     """Write a state whole or not at all.
 
@@ -1084,7 +1105,7 @@ def save_state(
     """
     stream = detector.stream
     left = (stream.cutoff, stream.held, stream.slipped, detector.state)
-    write_records(Saved(STATE_SCHEMA, arm, position, count, *left), file)
+    write_records(Saved(STATE_SCHEMA, arm, source, position, count, *left), file)
 
 
 def load_state(file: Path, detector: Detector, arm: str) -> Saved | None:
@@ -1132,7 +1153,6 @@ class WatchSettings:
         false_alarms: wanted per 24 h of motion at most, if the model had no errors.
         rest: time without a write after which a file is complete [s].
         until_idle: end when nothing new came for this long [s]; ``None``: never; 0: at once.
-        poll: time between two looks at the source [s].
 
     Raises:
         InputError: a number is out of range.
@@ -1144,7 +1164,6 @@ class WatchSettings:
     false_alarms: float = 0.1
     rest: float = 5.0
     until_idle: float | None = None
-    poll: float = 0.5
 
     def __post_init__(self) -> None:
         """Check the numbers."""

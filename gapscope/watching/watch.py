@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.formats.lerobot import is_dataset
-from gapscope.arm.io.formats.table_files import table_of_lines
+from gapscope.arm.io.formats.table_files import remarks, table_of_lines
 from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.log import READERS, TEXTS
@@ -214,20 +214,19 @@ class GrowingFile:
         first = self._line
         # lines count whether they can be used or not, so that notes name the right ones
         self._line += lines
-        try:
-            # a mark of the byte order may stand at the beginning
-            text = whole.decode("utf-8-sig").splitlines(keepends=True)
-        except UnicodeDecodeError:
-            yield self._note("is not a text in UTF-8", first)
-            return
-        # the first whole line names the columns
+        # a mark of the byte order may stand at the beginning; a row with a wrong byte is damaged
+        text = whole.decode("utf-8-sig", errors="replace").splitlines(keepends=True)
+        named = 1
+        # the first whole line below remarks names the columns
         if not self._header:
-            self._header, *text = text
-            first += 1
+            above = remarks(text)
+            self._header, *text = text[above:]
+            named += above
+            first = named + 1
         if not text:
             return
         try:
-            table = table_of_lines(self._header, text, self.path, first)
+            table = table_of_lines(self._header, text, self.path, first, named)
             log = Log(self.path, "CSV", (replace(table, kind="CSV"),))
             part = load_recording(log, self.reading.arm, self.reading.importing)
         except InputError as error:
@@ -403,6 +402,10 @@ SAVE_EVERY = 30.0
 """Time after which a state is saved that changed [s]; after every alarm and misfit as well."""
 
 
+POLL = 0.5
+"""Time between two looks at a source in which nothing is new [s]. (budget)"""
+
+
 class Watch:
     """A source that is watched with an arm.
 
@@ -431,7 +434,7 @@ class Watch:
         self.alarms = self.misfits = 0
         self.read: set[str] = set()
         self.resumed = False
-        self._arm = fingerprint((corrected.arm, corrected.effects, settings.learning))
+        self._arm = fingerprint((corrected, settings.learning))
         earlier = self._earlier()
         self._reading = Reading(corrected.arm, None)
         if case:
@@ -441,9 +444,12 @@ class Watch:
         if not (settings.learning or self.resumed):
             recordings = case.recordings if case else ()
             told = [one for one in recordings if one.tau is not None]
-            self._first.append(self.detector.learn_from(told))
-        position = earlier.position if earlier else None
+            self._first += self.detector.learn_from(told)
         path, out = settings.source, settings.out
+        self._place = str(path.resolve())
+        # in another source a later run begins anew, with what was learnt
+        same = earlier is not None and earlier.source == self._place
+        position = earlier.position if earlier and same else None
         self.source: GrowingFile | Folder
         # rows of text can be used while their file grows
         if path.is_file() and path.suffix.lower() in TEXTS:
@@ -476,7 +482,8 @@ class Watch:
                 if late or self.alarms + self.misfits > before:
                     self._save()
                     saved = time.monotonic()
-                if stopped():
+                # what a source notes comes before the recording that it counts as read
+                if stopped() and isinstance(item, Recording):
                     break
             now = time.monotonic()
             idle_since = now if new else idle_since
@@ -486,7 +493,7 @@ class Watch:
             if idle and not waits:
                 break
             if not new:
-                time.sleep(self.settings.poll)
+                time.sleep(POLL)
         # asked to stop it stops at once: the next run goes on
         if not stopped():
             yield from self._said(self.detector.last_look())
@@ -533,5 +540,5 @@ class Watch:
         out = self.settings.out
         if out is None or self._events is None:
             return
-        place, count = self.source.position(), self._events.count
-        save_state(out / STATE, self.detector, self._arm, place, count)
+        left = self._arm, self._place, self.source.position(), self._events.count
+        save_state(out / STATE, self.detector, *left)

@@ -141,6 +141,15 @@ def test_a_damaged_row_is_left_out_with_its_line(growing: Any, log: bytes) -> No
     assert len(samples(made.polled(rows(log, 152)))) > 200
 
 
+def test_remarks_and_a_wrong_byte_take_no_more_than_their_lines(
+    growing: Any, log: bytes
+) -> None:
+    above, bad = b"# logged in cell 4\n", rows(log, 20, 21).replace(b",", b"\xff,", 1)
+    made = growing(above + rows(log, 0, 20) + bad + rows(log, 21, 201))
+    assert "line 22" in notes(made.first)
+    assert len(samples(made.first + made.polled(rows(log, 201)))) == 399
+
+
 def test_a_file_in_a_folder_is_read_once_it_rests(
     reading: Reading, log: bytes, tmp_path: Path
 ):

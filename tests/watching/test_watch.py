@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 import yaml
 from sweeps import nightly
@@ -169,10 +170,42 @@ def test_state_of_another_arm_is_not_gone_on_with(
 ) -> None:
     log = write_csv(at_work.recording(24.0), tmp_path / "log.csv")
     settings = WatchSettings(log, tmp_path / "out", learning=20.0, until_idle=0.0)
-    list(Watch(CorrectedArm(at_work.arm), settings).run())
-    assert Watch(CorrectedArm(at_work.arm), settings).resumed
+    arm = CorrectedArm(at_work.arm)
+    list(Watch(arm, settings).run())
+    assert Watch(arm, settings).resumed
     other = replace(at_work.arm, coulomb=2 * at_work.arm.coulomb)
-    assert not Watch(CorrectedArm(other), settings).resumed
+    assert not Watch(replace(arm, arm=other), settings).resumed
+    lacking = np.ones((at_work.arm.n_joints, 10))
+    assert not Watch(replace(arm, remainder=lacking), settings).resumed
+
+
+def test_another_source_is_read_from_its_start(
+    at_work: Any, write_csv: Write, tmp_path: Path
+) -> None:
+    logs = folder_of(write_csv, tmp_path, *2 * [at_work.recording(6.0)])
+    read = []
+    for source in (logs, logs / "a.csv", logs / "b.csv", logs):
+        settings = WatchSettings(source, tmp_path / "out", until_idle=0.0, rest=0.0)
+        watch = Watch(CorrectedArm(at_work.arm), settings)
+        list(watch.run())
+        read.append(watch.read)
+    assert read == [{"a.csv", "b.csv"}, {"a.csv"}, {"b.csv"}, {"a.csv", "b.csv"}]
+
+
+def test_a_request_to_stop_at_a_damaged_row_loses_no_recording(
+    at_work: Any, write_csv: Write, tmp_path: Path
+) -> None:
+    log = write_csv(at_work.recording(6.0), tmp_path / "log.csv")
+    lines = log.read_text(encoding="utf-8").splitlines(keepends=True)
+    lines[99] = lines[99].replace(",", ",nan,", 1)
+    log.write_text("".join(lines), encoding="utf-8")
+    settings = WatchSettings(log, tmp_path / "out", until_idle=0.0, rest=0.0)
+    watch = Watch(CorrectedArm(at_work.arm), settings)
+    said: list[str] = []
+    for event in watch.run(lambda: bool(said)):
+        said.append(event.sentence)
+    assert "line 100" in said[0]
+    assert watch.read == {"log.csv"}
 
 
 def test_a_damaged_state_is_an_error_that_says_what_to_do(

@@ -49,7 +49,7 @@ def read_csv(path: Path) -> Table:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             top = list(itertools.islice(file, ABOVE))
-            above = _remarks(top)
+            above = remarks(top)
             header, *below = top[above:] or [""]
             found = _numeric_table(path, header, "".join(below[:1]), above)
             if found is not None:
@@ -67,7 +67,7 @@ def read_csv(path: Path) -> Table:
         raise InputError(f"is not valid CSV ({error})", file=path) from None
 
 
-def _remarks(lines: Sequence[str]) -> int:
+def remarks(lines: Sequence[str]) -> int:
     """Number of lines above the header: they have another number of cells than samples and header."""
     for k, (line, after) in enumerate(itertools.pairwise(lines)):
         delimiter = _delimiter(line)
