@@ -13,6 +13,7 @@ import pytest
 
 from gapscope.arm.dynamics.rigid_body import ArrayCache
 from gapscope.arm.recording import Recording
+from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.watching.detector import (
     ALARM,
@@ -21,6 +22,7 @@ from gapscope.watching.detector import (
     MISFIT,
     NOTE,
     NOW,
+    WARM,
     Detector,
     Event,
 )
@@ -31,18 +33,18 @@ BEFORE = 40.0
 NIGHT = 43_200.0
 
 
-Hear = Callable[[Recording], list[Event]]
+Hear = Callable[..., list[Event]]
 
 
 @pytest.fixture(scope="module")
 def hear(at_work: Any) -> Hear:
-    """Events of a recording: those of its begin, which is that of all, and those of the rest."""
+    """Events of a recording: those of its begin, which is that of all, those of the rest, and of what comes after."""
     detector = Detector(CorrectedArm(at_work.arm), learning=LEARNING)
     before = list(detector.add(at_work.recording(BEFORE)))
 
-    def events(recording: Recording) -> list[Event]:
-        rest = recording.part(recording.t >= BEFORE)
-        return [*before, *deepcopy(detector).add(rest)]
+    def events(recording: Recording, *more: Recording) -> list[Event]:
+        rest, own = recording.part(recording.t >= BEFORE), deepcopy(detector)
+        return [*before, *(e for part in (rest, *more) for e in own.add(part))]
 
     return events
 
@@ -58,8 +60,13 @@ def test_healthy_arm_raises_no_alarm(at_work: Any, hear: Hear) -> None:
 
 
 def test_load_is_named_with_its_mass(at_work: Any, hear: Hear) -> None:
-    (found,) = alarms(hear(at_work.recording(SECONDS, load=2.0)))
+    both = at_work.recording(SECONDS, load=2.0)
+    # found when another recording has begun, and told by the clock of its own
+    later = both.part(both.t >= 52.0, name="later.csv")
+    later = replace(later, t=later.t - later.t[0])
+    (found,) = alarms(hear(both.part(both.t < 52.0), later))
     mass = found.sizes["mass"]
+    assert found.recording == both.name and found.detected > 52.0
     assert (found.effect, found.change, list(found.joints)) == (
         "payload",
         "picked up",
@@ -96,6 +103,18 @@ def test_friction_that_rises_evenly_is_dated_from_begin_to_end(
     assert "goes on" in first.sentence
     assert over.time == pytest.approx(at_work.change, abs=2.0)
     assert over.until == pytest.approx(at_work.change + 16.0, abs=2.0)
+
+
+@pytest.mark.nightly
+def test_friction_that_rises_for_longer_than_is_compared_is_no_new_alarm_each_time(
+    at_work: Any,
+) -> None:
+    detector = Detector(CorrectedArm(at_work.arm), learning=LEARNING)
+    rising = replace(at_work, change=30.0)
+    found = list(detector.add(rising.recording(80.0, friction=1.7, rising=100.0)))
+    first = next(e.time for e in found if e.event == ALARM)
+    again = [e.event for e in found if e.time and abs(e.time - first) < 2.0]
+    assert again == [ALARM, DRIFT]
 
 
 @pytest.mark.parametrize("logged", ["date", "temperature"])
@@ -152,6 +171,50 @@ def test_change_without_a_name_is_a_misfit_and_no_alarm(
     assert [e.event for e in found] == [MISFIT]
     assert abs(found[0].time - later.change) < 5.0
     assert found[0].sizes == {}
+    assert found[0].interval is None
+
+
+def test_what_a_diagnosis_found_is_taken_out_but_for_pushes(at_work: Any) -> None:
+    arm, recording = CorrectedArm(at_work.arm), at_work.recording(15.0)
+    times = {"start": np.array(0.0), "end": np.array(9.0)}
+    force = {"force": np.array([0.0, 0.0, -20.0]), **times}
+    push = AppliedEffect("external_force", (), force)
+    lacking = np.zeros((at_work.arm.n_joints, 10))
+    lacking[-1, 0] = 1.0
+    torque = []
+    for known in (arm, replace(arm, effects=(push,)), replace(arm, remainder=lacking)):
+        detector = Detector(known, learning=LEARNING)
+        list(detector.add(recording))
+        torque.append(detector.state.seen[0].segment.recorded_torque)
+    plain, pushed, lighter = torque
+    assert np.allclose(pushed, plain)
+    assert np.abs(lighter - plain).max() > 0.1
+
+
+def test_a_slip_in_what_is_learnt_is_told_and_ends_with_its_recording(
+    at_work: Any,
+) -> None:
+    recording = at_work.recording(40.0)
+    q = recording.q.copy()
+    q[recording.t >= 38.0, 1] += 0.05
+    detector = Detector(CorrectedArm(at_work.arm), learning=0.0)
+    slip, learnt = detector.learn_from([replace(recording, q=q)])
+    assert (slip.event, learnt.event) == (NOTE, NOTE)
+    assert "joint 2" in slip.sentence and "learnt" in learnt.sentence
+    assert np.all(detector.stream.slipped == 0.0)
+
+
+def test_joints_cool_down_to_where_they_were_measured(at_work: Any) -> None:
+    """Over a night, by an estimate that goes on from temperatures of an earlier log."""
+    detector = Detector(CorrectedArm(at_work.arm), learning=LEARNING)
+    recording = replace(at_work.recording(8.0), begun=NIGHT)
+    measured = np.full(recording.q.shape, 55.0)
+    morning = replace(recording, name="morning.csv", begun=2 * NIGHT)
+    for part in (replace(recording, temperature=measured), morning):
+        list(detector.add(part))
+    cold = detector.state.blocks[-1].segment.temperature
+    assert cold is not None
+    assert np.allclose(cold, 55.0 - WARM, atol=2.0)
 
 
 @pytest.mark.nightly
