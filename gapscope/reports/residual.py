@@ -240,6 +240,7 @@ def write_learnt(
         corrected.effects,
         folder / CORRECTED,
         NETWORK,
+        presliding=corrected.arm.presliding,
         states=corrected.states,
     )
     content = document(found, files)

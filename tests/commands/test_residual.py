@@ -41,9 +41,10 @@ def waved(sick: Path, tmp_path: Path) -> Path:
 def test_it_learns_and_what_it_writes_is_used(
     gapscope, waved: Path, corrected: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
+    out, bristles = tmp_path / "out", tmp_path / "bristles.yaml"
+    bristles.write_text(f"{corrected.read_text()}presliding: [0.001, 0.002]\n")
     options = ("--form", "additive", "--apart", "effects")
-    done = gapscope("residual", waved, "--model", corrected, "--out", out, *options)
+    done = gapscope("residual", waved, "--model", bristles, "--out", out, *options)
     assert done.code == 0, done.err
     assert "boosted" in done.out and str(out / "residual.json") in done.out
     content = json.loads((out / "residual.json").read_text())
@@ -56,10 +57,11 @@ def test_it_learns_and_what_it_writes_is_used(
     assert content["physics"]["largest_move"] < 1e-6
     assert "Joint 2, pitch" in (out / "report.html").read_text()
 
-    # the same effects, and predictions and replays with the network
+    # the same effects and presliding, and predictions and replays with the network
     case = load_case(waved)
     model = read_corrected_arm(case.arm, out / "corrected.yaml")
     assert [e.name for e in model.effects] == ["viscous_friction"]
+    assert model.arm.presliding.tolist() == [0.001, 0.002]
     last, errors, gaps = case.recordings[-1], [], []
     for network in (None, model.residual):
         arm = replace(model, residual=network)
