@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import replace
 from pathlib import Path
 
-from gapscope.arm.case import Case, case_files, file_names, load_case
+from gapscope.arm.case import Case, load_case
 from gapscope.arm.control import LAWS
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import real_path
 from gapscope.arm.io.case_file import is_case, read_controller
-from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.table import DAMAGED, PAUSE
 from gapscope.arm.io.write_case import is_used
 from gapscope.arm.nearest_name import nearest
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.interface.models import check_recording
+from gapscope.interface.models import recording_of
 from gapscope.terminal import note
 
 
@@ -49,34 +45,18 @@ def read_arm_and_controller(robot: str) -> tuple[NominalArm, Controller | None]:
 def read_recording(
     case_path: Path, file: Path, *, every_row: bool = False
 ) -> tuple[Case, Recording]:
-    """A case, and a recording in its form, with the payload that the case names for it.
+    """A case, and a recording of it or in its form; see ``recording_of``. Says what rows are missing.
 
     Args:
         case_path: the case.
-        file: the recording, relative to the current folder; or its name in the case.
+        file: the recording.
         every_row: keep every row that can be read; the recording then may hold no more than t and q.
 
     Raises:
         InputError: the case or the recording cannot be used.
     """
     case = load_case(case_path, read_recordings=False)
-    # behind the case file and the robot's
-    names = file_names(case_files(case_path)[2:], case.folder)
-    if not os.path.lexists(file):
-        own = {name: path for path, name in names.items()}
-        if str(file) not in own:
-            check_recording(file, own)
-        file = own[str(file)]
-    recording = load_recording(
-        file,
-        case.arm,
-        case.importing,
-        every_row=every_row,
-        payload=case.payload_of(file),
-    )
-    # states of a model are told by the names that recordings have in the case
-    there = {real_path(path): name for path, name in names.items()}
-    recording = replace(recording, name=there.get(real_path(file), recording.name))
+    recording = recording_of(case, file, every_row=every_row)
     # other notes are said with a diagnosis; these are about rows that are missing
     for said in recording.notes:
         if said.startswith((DAMAGED, PAUSE)):

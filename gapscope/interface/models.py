@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import Case, case_files, file_names, load_case
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.input_file import real_path
 from gapscope.arm.io.atomic_write import make_folder
 from gapscope.arm.io.case_file import is_case
 from gapscope.arm.io.load_recording import load_recording
@@ -140,6 +141,8 @@ def recording_of(
 ) -> Recording:
     """A recording of a case, by itself, its number from 0, or its name; or one in its form, by its path.
 
+    A file in the current folder goes before a recording of the case of the same name.
+
     Args:
         case: the case.
         recording: which one.
@@ -154,34 +157,35 @@ def recording_of(
     everything = (*case.recordings, *case.judged)
     if isinstance(recording, int):
         return everything[recording]
-    # names first: a file of the same name may lie in the current folder
+    given, path = str(recording), Path(recording)
+    # behind the case file and the robot's
+    files = () if case.file is None else case_files(case.file)[2:]
+    names = {real_path(f): name for f, name in file_names(files, case.folder).items()}
+    # a file before a name: what lies in the current folder may have no longer path
+    there = os.path.lexists(path)
+    name = names.get(real_path(path)) if there else given
     named = {r.name: r for r in everything}
-    if str(recording) in named:
-        return named[str(recording)]
-    path = Path(recording)
-    # the message names what the case has, which a missing file alone would not
-    check_recording(path, named)
-    return load_recording(
+    if name == given and given in named:
+        return named[given]
+    if not there:
+        own = {name: file for file, name in names.items()}
+        if given not in own:
+            known = {**named, **own}
+            raise InputError(
+                "no such file, and the case has no recording of that name",
+                f"{nearest(given, known)}give a path, or one of {', '.join(known)}",
+                file=path,
+            )
+        path = own[given]
+    loaded = load_recording(
         path,
         case.arm,
         case.importing,
         every_row=every_row,
         payload=case.payload_of(path),
     )
-
-
-def check_recording(path: Path, named: Collection[str]) -> None:
-    """Check that a recording that is none of a case's by its name is there.
-
-    Raises:
-        InputError: it is not.
-    """
-    if not os.path.lexists(path):
-        raise InputError(
-            "no such file, and the case has no recording of that name",
-            f"{nearest(str(path), named)}give a path, or one of {', '.join(named)}",
-            file=path,
-        )
+    # states of a model are told by the names that recordings have in the case
+    return replace(loaded, name=name or loaded.name)
 
 
 @dataclass(frozen=True, repr=False)

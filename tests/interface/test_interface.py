@@ -7,6 +7,7 @@ import importlib
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -243,6 +244,17 @@ def test_a_recording_is_named_by_number_name_or_path(written, tmp_path, monkeypa
         assert np.array_equal(recording.q, written.recordings[0].q)
     with pytest.raises(InputError, match="no recording of that name"):
         read_recording(written.folder, Path("other.csv"))
+    # another file of that name, in the current folder, is meant before the case's
+    rows = path.read_text().splitlines(keepends=True)
+    Path(name).write_text("".join(rows[: len(rows) // 2]))
+    _, recording = read_recording(written.folder, Path(name), every_row=True)
+    for given in (name, Path(name)):
+        assert len(gapscope.predict(written, given).t) == len(recording.t)
+    assert len(recording.t) == len(rows) // 2 - 1
+    # in the case's folder a name is that of the recording as the case holds it
+    monkeypatch.chdir(written.folder)
+    held = written.each(lambda r: replace(r, q=0.5 * r.q))
+    assert not np.array_equal(gapscope.predict(held, name).tau, by_number.tau)
 
 
 def test_inspection_makes_a_case(written, tmp_path):
