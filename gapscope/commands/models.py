@@ -35,9 +35,11 @@ def predict(
         recording: recording with t, q1.., a path or a name of the case; other columns are not used
         out: CSV to write: t, tau1..
     """
+    from gapscope.arm.io.write_case import check_csv
     from gapscope.commands.inputs import read_recording
     from gapscope.interface.models import predict as predict_recording
 
+    check_csv(out)
     with Progress(recording) as progress:
         progress("reads")
         loaded, motion = read_recording(case, recording, every_row=True)
@@ -60,9 +62,11 @@ def replay(
         recording: recording with q_ref1.., or tau1.. without; a path or a name of the case
         out: CSV to write: t, q1.., tau1..
     """
+    from gapscope.arm.io.write_case import check_csv
     from gapscope.commands.inputs import read_recording
     from gapscope.interface.models import replay as replay_recording
 
+    check_csv(out)
     with Progress(recording) as progress:
         progress("reads")
         loaded, motion = read_recording(case, recording)

@@ -166,10 +166,10 @@ def excite(
         evaluations: objective evaluations; a gradient counts as 8
         seconds: time to search, at most [s]
     """
+    from gapscope.arm.io.write_case import check_csv
     from gapscope.ident.excitation.design import ExcitationPlan
     from gapscope.ident.excitation.trajectory_search import Budget
     from gapscope.interface.advise import excite as excite_arm
-    from gapscope.reports.trajectory import check_csv
 
     plan = ExcitationPlan(
         kind,
@@ -212,10 +212,10 @@ def advise(
         fastest: highest frequency that the controller follows [Hz]
         evaluations: objective evaluations, over all speeds and loads
     """
+    from gapscope.arm.io.write_case import check_csv
     from gapscope.diagnosis.next_recording import AdviceRequest
     from gapscope.interface.advise import advise as advise_case
     from gapscope.interface.advise import read_findings
-    from gapscope.reports.trajectory import check_csv
 
     check_csv(out)
     load = read_payload(payload, payload_com)

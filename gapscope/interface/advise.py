@@ -15,6 +15,7 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import make_folder
 from gapscope.arm.io.table import numbered
+from gapscope.arm.io.write_case import check_csv
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -36,7 +37,7 @@ from gapscope.ident.excitation.design import (
 from gapscope.interface.diagnose import DiagnosisResult
 from gapscope.interface.models import make_arm
 from gapscope.interface.result import Result
-from gapscope.reports.trajectory import check_csv, shown, summary, write_trajectory
+from gapscope.reports.trajectory import shown, summary, write_trajectory
 
 
 @dataclass(frozen=True, repr=False)

@@ -14,7 +14,7 @@ from rich.console import Console, RenderableType
 
 from gapscope.arm.io.atomic_write import begin_results, make_folder
 from gapscope.arm.io.json_file import write_json
-from gapscope.arm.io.write_case import write_columns
+from gapscope.arm.io.write_case import check_csv, write_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -141,5 +141,6 @@ class TableResult(Result):
         return (file,)
 
     def write(self, file: Path) -> None:
-        """Write one CSV, Parquet or NPZ file; raises ``GapscopeError`` if it cannot be written."""
+        """Write one CSV file; raises ``GapscopeError`` if it cannot be written."""
+        check_csv(file)
         write_columns({name: x.to_numpy() for name, x in self.to_frame().items()}, file)

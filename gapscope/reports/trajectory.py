@@ -10,7 +10,6 @@ import numpy as np
 from rich.console import Group
 from rich.text import Text
 
-from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.motions.trajectory import Sampled, read_sampled
@@ -167,14 +166,6 @@ def shown(
 # An exciting trajectory as files: CSV, ROS ``JointTrajectory`` and a page of plots, and a slow version to run first.
 #
 # Trajectories are read back and checked before any file gets its name.
-
-
-def check_csv(path: Path) -> None:
-    """Check the ending before any work is done; raises ``InputError``."""
-    if path.suffix != ".csv":
-        raise InputError(
-            f"the ending {path.suffix!r} is not .csv", "end it in .csv", file=path
-        )
 
 
 def write_trajectory(

@@ -129,7 +129,7 @@ UNWRITABLE = {
     "diagnose": ("file/out", "diagnose {sick} --out {out}", "--out"),
     "diagnose several": ("file/out", "diagnose {sick} {healthy} --out {out}", ""),
     "predict": ("file/tau.csv", f"{PREDICT} --out {{out}}", "cannot be written"),
-    "predict on a folder": ("folder", f"{PREDICT} --out {{out}}", "cannot be written"),
+    "predict on a folder": ("folder.csv", f"{PREDICT} --out {{out}}", "cannot be written"),
     "demo": ("file/demo", "demo --out {out} --seed 1", ""),
     "document is a folder": ("out", "diagnose {sick} --out {out}", "diagnosis.json"),
 }
@@ -142,12 +142,12 @@ def test_what_cannot_be_written_is_said(
     """Exit code 1: the work failed and says why."""
     name, command, said = UNWRITABLE[what]
     (tmp_path / "file").touch()
-    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder.csv").mkdir()
     (tmp_path / "out" / "diagnosis.json").mkdir(parents=True)
     places = {"sick": sick, "healthy": healthy, "out": tmp_path / name}
     done = gapscope(*(part.format(**places) for part in command.split()))
     assert done.code == 1 and str(tmp_path / name) in done.err and said in done.err
-    assert files(tmp_path / "folder") == []
+    assert files(tmp_path / "folder.csv") == []
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 

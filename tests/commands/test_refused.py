@@ -17,7 +17,7 @@ Spoil = Callable[[Path], object]
 RECORD = (
     "record kuka_iiwa --effects {corrected} --out {out} --recordings 2 --duration 1.5"
 )
-PREDICT = "predict {sick} --recording {sick}/recording_0.csv --out {out}"
+PREDICT = "predict {sick} --recording {sick}/recording_0.csv --out {out}.csv"
 ADVISE = "advise {sick} --evaluations 150 --no-collisions --singular 0"
 QUICK = "--evaluations 25 --seed 1 --optimiser random"
 
@@ -32,8 +32,10 @@ WORDS = {
         gap '{tmp}/[red]case[/red]' | [red]case[/red]
         diagnose {sick} {healthy} --out {out} --backend cluster | --backend; cluster
         diagnose {healthy}/case.yaml --against {healthy} --out {out} | is the case itself
-        predict {sick} --recording {tmp}/none.csv --out {out} | {tmp}/none.csv
-        replay {sick} --recording {sick}/none.csv --out {out} | none.csv
+        predict {sick} --recording {tmp}/none.csv --out {out}.csv | {tmp}/none.csv
+        replay {sick} --recording {sick}/none.csv --out {out}.csv | none.csv
+        predict {sick} --recording {sick}/recording_0.csv --out {out}.parquet | .csv
+        replay {sick} --recording {sick}/recording_0.csv --out {out}.npz | .csv
         view {sick} --recording no.csv --out {out} | no.csv
         serve {tmp}/none | is not a folder
         serve {tmp} --units-by robot |

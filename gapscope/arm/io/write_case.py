@@ -72,6 +72,14 @@ def write_columns(columns: dict[str, np.ndarray], path: str | Path) -> None:
         writer.writerows(rows)
 
 
+def check_csv(path: Path) -> None:
+    """Check the ending before any work is done; raises ``InputError``."""
+    if path.suffix != ".csv":
+        raise InputError(
+            f"the ending {path.suffix!r} is not .csv", "end it in .csv", file=path
+        )
+
+
 def write_case(
     case: Case,
     folder: str | Path,
