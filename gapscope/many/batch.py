@@ -94,7 +94,9 @@ class Batch:
     def by_folder(self) -> dict[str, Path]:
         """The cases by the name of their results: of folder or file, numbered if it repeats or is ``identified``."""
         paths = [case.resolve() for case in self.cases]
-        names = [p.parent.name if p.name == "case.yaml" else p.stem for p in paths]
+        paths = [p.parent if p.name == "case.yaml" else p for p in paths]
+        # a dot in the name of a folder is no ending
+        names = [p.name if p.is_dir() else p.stem for p in paths]
         found: dict[str, Path] = {}
         for case, own in zip(self.cases, names, strict=True):
             name, number = own, len(found) + 1

@@ -267,3 +267,12 @@ def test_cases_of_one_name_are_numbered_beside_one_that_has_the_number() -> None
     found = Batch(cases, Path("out")).by_folder
     assert list(found.values()) == list(cases)
     assert list(found) == ["a-3", "a", "a-4"]
+
+
+def test_a_dot_in_the_name_of_a_folder_is_no_ending(tmp_path: Path) -> None:
+    cases = tuple(tmp_path / name for name in ("arm.v1", "arm.v2", "arm_2026.03.14"))
+    for case in cases:
+        case.mkdir()
+    files = (cases[0] / "case.yaml", *cases[1:], tmp_path / "b.yaml")
+    found = Batch(files, Path("out")).by_folder
+    assert list(found) == [*(case.name for case in cases), "b"]
