@@ -269,6 +269,8 @@ def fleet_document(store: FleetStore) -> dict[str, Any]:
         "scatter": factors,
         "changes": changes[:MOST],
         "changes_in_all": len(changes),
+        # a unit may change in several effects, and counts once
+        "units_changed": len({change["unit"] for change in changes}),
         "worst": _worst(_latest(cases), changes),
         "failures": failed[FAILURE].head(MOST).to_dict("records"),
     }

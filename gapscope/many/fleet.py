@@ -10,10 +10,9 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
-from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -344,7 +343,12 @@ def run_fleet(plan: FleetPlan, progress: Progress) -> FleetCounts:
             write()
             plan.clear_scratch()
         # a file for each second of the run becomes one for each robot and day
-        store.merge()
+        for folder in store.merge():
+            # what was written there, and no more: a person may have added to it
+            for name in KEEP[ALL]:
+                (plan.out / folder / name).unlink(missing_ok=True)
+            with suppress(OSError):
+                (plan.out / folder).rmdir()
     return counts
 
 
@@ -456,7 +460,7 @@ def fleet(
         document=fleet_document(store),
         text=summary,
         rows=itemgetter("worst"),
-        page=partial(render_fleet, reports=plan.keep == ALL),
+        page=render_fleet,
         store=store,
         counts=counts,
     )

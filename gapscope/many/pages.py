@@ -274,8 +274,7 @@ def headline(content: Document) -> str:
     """What a fleet's document says, in one sentence."""
     units = _count(content["units"], "unit")
     cases = _count(content["cases"], "case")
-    # a unit may change in several effects, and counts once
-    changed = len({change["unit"] for change in content["changes"]})
+    changed = content["units_changed"]
     what = f"{_count(changed, 'unit')} changed" if changed else "no unit changed"
     failed = (
         f"; {_count(content['failed'], 'case')} failed" if content["failed"] else ""
@@ -370,17 +369,13 @@ KINDS = {
 }
 
 
-def render_fleet(content: Document, path: Path, *, reports: bool) -> None:
-    """Write the page.
+def render_fleet(content: Document, path: Path) -> None:
+    """Write the page, in the folder of the results; raises ``GapscopeError`` if it cannot be written."""
 
-    Args:
-        content: of ``fleet.json``.
-        path: the page, in the folder of the results.
-        reports: whether diagnoses were kept with their reports, which are linked then.
+    def linked(kept: str) -> str:
+        """What is opened of a diagnosis; each run says which of its files are kept."""
+        return REPORT if (path.parent / kept / REPORT).is_file() else DOCUMENT
 
-    Raises:
-        GapscopeError: ``path`` cannot be written.
-    """
     write_html(
         "fleet/fleet.html",
         path,
@@ -393,7 +388,7 @@ def render_fleet(content: Document, path: Path, *, reports: bool) -> None:
         value_words=value_words,
         sparkline=sparkline,
         false_share=percent(content["false_share"]),
-        linked=REPORT if reports else DOCUMENT,
+        linked=linked,
     )
 
 

@@ -357,15 +357,21 @@ class FleetStore:
         # written twice if a run ended while it merged files
         return frame.drop_duplicates(["result", "named", *NUMBER])
 
-    def merge(self) -> None:
-        """Make one file of the files of each robot and date, without rows that no longer count."""
+    def merge(self) -> list[str]:
+        """Make one file of the files of each robot and date, without rows that no longer count.
+
+        Returns:
+            The folders in which the diagnoses of those rows are kept.
+        """
         if not self._cases.is_dir():
-            return
+            return []
         # which rows count is asked once, over all robots and dates
         kept = self.cases(["result"])["result"]
+        every = _read(self._cases, CASES, ["result", "kept"], None)
         for folder, schema in ((self._cases, CASES), (self._effects, EFFECTS)):
             for part in sorted(folder.glob("robot=*/date=*")):
                 _merge(part, schema, kept)
+        return list(filter(None, every.loc[~every["result"].isin(kept), "kept"]))
 
 
 def _append(table: pa.Table, folder: Path) -> None:

@@ -129,7 +129,11 @@ UNWRITABLE = {
     "diagnose": ("file/out", "diagnose {sick} --out {out}", "--out"),
     "diagnose several": ("file/out", "diagnose {sick} {healthy} --out {out}", ""),
     "predict": ("file/tau.csv", f"{PREDICT} --out {{out}}", "cannot be written"),
-    "predict on a folder": ("folder.csv", f"{PREDICT} --out {{out}}", "cannot be written"),
+    "predict on a folder": (
+        "folder.csv",
+        f"{PREDICT} --out {{out}}",
+        "cannot be written",
+    ),
     "demo": ("file/demo", "demo --out {out} --seed 1", ""),
     "document is a folder": ("out", "diagnose {sick} --out {out}", "diagnosis.json"),
 }

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gapscope.many import compare
 from gapscope.many.compare import fleet_document
-from gapscope.many.pages import change_line, render_fleet
+from gapscope.many.pages import change_line, headline, render_fleet
 from gapscope.many.rows import FleetStore
 
 FIRST = datetime(2026, 1, 1)
@@ -105,10 +106,26 @@ def test_a_step_is_found_and_nothing_else(tmp_path: Path) -> None:
         "shared_differing_size",
     )
     assert effect["parameters"][0]["extremes"][0]["unit"] == "arm07"
-    render_fleet(content, tmp_path / "fleet.html", reports=True)
+    kept = tmp_path / "diagnoses/arm07/5"
+    kept.mkdir(parents=True)
+    (kept / "report.html").touch()
+    render_fleet(content, tmp_path / "fleet.html")
     page = (tmp_path / "fleet.html").read_text("utf-8")
     assert 'href="diagnoses/arm07/5/report.html"' in page
     assert page.count('class="sparkline"') == 2
+    assert headline(content).endswith("2 units changed")
+
+
+def test_units_that_changed_are_counted_beyond_the_list(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = quiet(np.random.default_rng(4), 20, 0.06)
+    for unit in list(values)[:5]:
+        values[unit][5:] = [value + 1.0 for value in values[unit][5:]]
+    monkeypatch.setattr(compare, "MOST", 2)
+    content = fleet_document(fill(tmp_path, values))
+    assert len(content["changes"]) == 2 < content["changes_in_all"]
+    assert headline(content).endswith("5 units changed")
 
 
 def test_scatter_of_the_whole_fleet_is_no_change(tmp_path: Path) -> None:

@@ -68,6 +68,21 @@ def test_from_cases_to_page_and_again(
     assert len(list((out / "cases/robot=one").rglob("*.parquet"))) == 1
 
 
+def test_what_is_kept_is_linked_and_goes_with_its_row(
+    fleet_folder: Path, tmp_path: Path
+) -> None:
+    case, out = fleet_folder / "arm_B_2026-03-14", tmp_path / "out"
+    gapscope.fleet(case, out)
+    # kept without its report, which nothing links
+    gapscope.fleet(case, out, keep="report")
+    page = (out / "fleet.html").read_text("utf-8")
+    assert "/diagnosis.json" in page and "/report.html" not in page
+    gapscope.fleet(case, out, keep="report", again=True)
+    assert "/report.html" in (out / "fleet.html").read_text("utf-8")
+    (kept,) = FleetStore(out).cases()["kept"]
+    assert [x.parent for x in out.rglob("diagnosis.json")] == [out / kept]
+
+
 def test_cases_in_memory_are_diagnosed_by_this_process_alone(
     fleet_folder: Path, tmp_path: Path
 ) -> None:
