@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -284,7 +284,7 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> dict[str, A
     Raises:
         InputError: there is no such file, it is no XML of a robot, or the recording has no static poses.
     """
-    path, case, gravity = find_robot(robot)
+    path, case, said = find_robot(robot)
     description = read_description(path)
     geometries = link_geometries(description)
     refused = _refused(description)
@@ -302,8 +302,8 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> dict[str, A
         )
         for one in description.unreadable
     ]
-    findings += check_description(description, geometries)
-    findings += _gravity(case, gravity)
+    findings += check_description(description, geometries, said.get("nominal") or ())
+    findings += _gravity(case, said.get("gravity"))
     # before findings on joints and links: no other command takes the file
     if refused:
         findings.append(
@@ -344,13 +344,16 @@ def audit_model(robot: str | Path, recording: Path | None = None) -> dict[str, A
 
 
 def check_description(
-    description: Description, geometries: dict[str, Geometry]
+    description: Description,
+    geometries: dict[str, Geometry],
+    sheet: Collection[str] = (),
 ) -> list[Finding]:
     """Findings of all checks of a file as it stands, in no order.
 
     Args:
         description: the file.
         geometries: size of each link with usable shapes, by name.
+        sheet: what the data sheet of its case gives.
     """
     found = [
         *check_inertials(description, geometries),
@@ -358,7 +361,7 @@ def check_description(
         *check_products(description, geometries),
         *check_shifted(description, geometries),
         *check_repeats(description),
-        *check_joints(description),
+        *check_joints(description, sheet),
         *_lost_meshes(description),
     ]
     return [_weighed(one, description) for one in found]

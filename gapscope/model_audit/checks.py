@@ -281,7 +281,7 @@ def _massless(description: Description) -> Iterator[Finding]:
 
 def _factor(factor: float) -> str:
     return (
-        f"{factor:.2g} times as large" if factor > 1 else f"1/{1 / factor:.2g} of these"
+        f"{factor:.3g} times as large" if factor > 1 else f"1/{1 / factor:.3g} of these"
     )
 
 
@@ -398,8 +398,10 @@ FIELDS = {"damping": "viscous", "friction": "coulomb", "armature": "armature"}
 """Entries of a case's data sheet for these."""
 
 
-def check_joints(description: Description) -> Iterator[Finding]:
-    """What is odd about the joints, each one and all together."""
+def check_joints(
+    description: Description, sheet: Collection[str] = ()
+) -> Iterator[Finding]:
+    """What is odd about the joints, each one and all together, beside what a data sheet gives."""
     for kind, joint, problem in tree_faults(description, description.joints):
         yield Finding(
             "impossible",
@@ -413,7 +415,7 @@ def check_joints(description: Description) -> Iterator[Finding]:
     for joint in description.moving:
         yield from _axis(joint)
         yield from _limits(joint, description.form)
-    yield from _values_of_all(description)
+    yield from _values_of_all(description, sheet)
 
 
 def _axis(joint: Joint) -> Iterator[Finding]:
@@ -477,7 +479,9 @@ def _limits(joint: Joint, form: str) -> Iterator[Finding]:
             )
 
 
-def _values_of_all(description: Description) -> Iterator[Finding]:
+def _values_of_all(
+    description: Description, sheet: Collection[str]
+) -> Iterator[Finding]:
     """Limits, friction and rotors that no joint has, or all have alike."""
     joints = description.moving
     if not joints:
@@ -487,7 +491,8 @@ def _values_of_all(description: Description) -> Iterator[Finding]:
         # zero counts as not given
         given = [value for joint in joints if (value := getattr(joint, name))]
         if not given and name in DRIVE:
-            absent.append(name)
+            if FIELDS[name] not in sheet:
+                absent.append(name)
         elif len(given) >= SAME_ON_JOINTS and len(set(given)) == 1:
             identify = ", or identify it (gapscope identify)" if name in DRIVE else ""
             yield Finding(

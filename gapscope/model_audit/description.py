@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -177,18 +178,18 @@ def _mesh(path: Path, scale: tuple[float, ...]) -> np.ndarray | None:
 # The robot file behind a path, a known name or a case, without building the robot.
 
 
-def find_robot(robot: str | Path) -> tuple[Path, Path | None, list[float] | None]:
+def find_robot(robot: str | Path) -> tuple[Path, Path | None, Mapping[str, Any]]:
     """The URDF or MJCF file of a robot, which is given by its path, a known name, a case folder or its case file.
 
-    Beside it the case file and the gravity that it gives [m/s^2], or ``None``.
+    Beside it the case file and what stands in it, or ``None`` and nothing.
 
     Raises:
         InputError: there is none.
     """
     path = Path(robot)
     if not is_case(path):
-        return locate(robot, Path())[0], None, None
+        return locate(robot, Path())[0], None, {}
     file = path / "case.yaml" if is_folder(path) else path
     content = read_case_file(file)
     named = CasePaths(file, None).expand(content["robot"], "robot")
-    return locate(named, file.parent)[0], file, content.get("gravity")
+    return locate(named, file.parent)[0], file, content

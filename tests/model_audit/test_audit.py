@@ -110,6 +110,22 @@ def test_a_plausible_arm_lacks_only_rotors(audited: Audited, shapes: bool) -> No
     assert "rotor" in audit["findings"][0]["found"] and not audit["refused"]
 
 
+def test_what_the_data_sheet_of_a_case_gives_is_not_missing(tmp_path: Path) -> None:
+    """Of all three nothing is missing, of one the others are."""
+    (tmp_path / "arm.urdf").write_text(re.sub("<dynamics.*?/>", "", arm_text()))
+    for given in ((), ("viscous",), ("armature", "coulomb", "viscous")):
+        sheet = ", ".join(f"{name}: [1, 1, 1, 1, 1, 1]" for name in given)
+        text = f"name: a\nrobot: arm.urdf\nrecordings: [a.csv]\nnominal: {{{sheet}}}\n"
+        (tmp_path / "case.yaml").write_text(text)
+        odd = [
+            one
+            for one in audit_model(tmp_path)["findings"]
+            if one["kind"] == "no_drive"
+        ]
+        assert ("armature: " in str(odd)) == (len(given) < 3)
+        assert ("viscous: " in str(odd)) == (not given)
+
+
 @pytest.mark.parametrize(
     ("shapes", "kind"), [(True, "moments_too_large"), (False, "moments_for_mass")]
 )
