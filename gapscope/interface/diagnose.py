@@ -16,6 +16,7 @@ from rich.console import RenderableType
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import real_path
 from gapscope.arm.io.atomic_write import atomic_write, begin_results
 from gapscope.diagnosis.diagnose import diagnose as diagnose_case
 from gapscope.diagnosis.diagnose_change import (
@@ -221,6 +222,12 @@ class DiagnosisResult(Result):
             # read from a folder: there it stays
             if change.reference.file is None:
                 others = (*others, write_reference(change.reference, out / FOLDER))
+        elif real_path(self.case.arm.urdf) != real_path(out / URDF):
+            # what the corrected.yaml of an earlier comparison corrects, unless it is this very case
+            old = out / CORRECTED
+            if old.is_file() and f"corrects: {CASE}" in old.read_text("utf-8"):
+                for name in (CASE, URDF):
+                    (out / name).unlink(missing_ok=True)
         write_corrected(
             str(self.document["case"]),
             self.effects,

@@ -86,6 +86,16 @@ def test_saved_diagnosis_is_that_of_the_command(result, tmp_path):
     assert [e.name for e in again.effects] == [e.name for e in result.effects]
 
 
+def test_what_an_earlier_comparison_corrected_does_not_stay(result, tmp_path):
+    """What gapscope identify has left under the same names does."""
+    identified = tmp_path / "identified_case.yaml"
+    for corrects, stays in (("", True), (f"corrects: {identified.name}\n", False)):
+        identified.touch()
+        (tmp_path / "corrected.yaml").write_text(corrects)
+        result.save(tmp_path)
+        assert identified.exists() == stays
+
+
 def test_case_in_memory_is_told_apart_from_another(case):
     from gapscope.provenance import made_from
 
