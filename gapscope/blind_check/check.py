@@ -17,7 +17,7 @@ from joblib import Parallel, delayed
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.case_file import read_yaml
-from gapscope.arm.io.json_file import plain, read_json, write_json
+from gapscope.arm.io.json_file import plain, read_json, schema_fault, write_json
 from gapscope.arm.nearest_name import check_keys, nearest
 from gapscope.blind_check.generator.arms import ROBOTS, USUAL
 from gapscope.blind_check.generator.case import make_case, write_case
@@ -100,24 +100,28 @@ class BlindPlan:
         Raises:
             InputError: an effect or a robot is unknown, or a number cannot be.
         """
+        content = plain(asdict(self), null_if_not_finite=True)
+        fault = schema_fault(content, "plan")
+        if fault is not None:
+            name = str(fault.absolute_path[0])
+            raise InputError(
+                f"expected {fault.schema['description']}, got {getattr(self, name)!r}",
+                where=f"plan, {name}",
+            )
+        if self.duration[0] > self.duration[1]:
+            raise InputError(
+                f"the shortest of {self.duration} s is longer than the longest",
+                "give the shortest first",
+                where="plan, duration",
+            )
         own = [name for name in CATALOGUE if name not in SHIPPED]
         _check_names("effects", self.effects, (*INSIDE, *SETUP, *own))
         # laws of a user are entered before the plan is used: all else looks them up
         enter_own_laws(self.effects)
         _check_names("robots", self.robots, ROBOTS)
-        for field in COUNTS:
-            count = getattr(self, field)
-            if not isinstance(count, int) or count < 0:
-                raise InputError(
-                    f"{count!r} is not a number of cases",
-                    where=f"plan, {field}",
-                )
-        if not 3.0 <= self.duration[0] <= self.duration[1]:
-            raise InputError(
-                f"{self.duration} s",
-                "give the shortest, at least 3 s, and the longest",
-                where="duration",
-            )
+        # 3.0 is a number of cases too
+        for name in COUNTS:
+            object.__setattr__(self, name, int(getattr(self, name)))
 
     @property
     def size(self) -> int:
@@ -153,14 +157,14 @@ def read_plan(path: Path) -> BlindPlan:
     content = read_yaml(path, "give a YAML file with a plan")
     try:
         content = check_keys(content, [field.name for field in fields(BlindPlan)])
+        # tuples, as a plan cannot change, and is compared with one begun before
+        values: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value
+            for key, value in content.items()
+        }
+        return BlindPlan(**values)
     except InputError as error:
         raise error.at(path) from None
-    # tuples, as a plan cannot change, and is compared with one begun before
-    values: dict[str, Any] = {
-        key: tuple(value) if isinstance(value, list) else value
-        for key, value in content.items()
-    }
-    return BlindPlan(**values)
 
 
 def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
@@ -382,7 +386,6 @@ def make(
                 file=file,
             )
     else:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         begun = {
             # a secret seed: nobody can make the labels again from the cases
             "seed": secrets.randbits(64) if seed is None else seed,
@@ -390,8 +393,10 @@ def make(
             "salt": secrets.token_hex(16),
             "plan": plan.plain(),
         }
-        write_json(begun, file, private=True)
+    # a plan that cannot be dealt begins nothing
     specs = allocate_cases(plan, begun["seed"])
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    write_json(begun, file, private=True)
     names = [f"case{k:04d}" for k in range(len(specs))]
     parts = folder / "parts"
     # made is what has both: the folder comes last, so half a case is made again

@@ -638,6 +638,7 @@ def score(
     progress("compares the labels with the commitment")
     content = open_labels(cases, labels)
     truth = content["cases"]
+    fixed = _frozen(results, truth)
     folder = labels if labels.is_dir() else labels.parent
     # only from here on the truth is known: nothing is diagnosed any more
     progress("predicts the recordings held out")
@@ -654,7 +655,7 @@ def score(
     compared = tuple(Parallel(n_jobs=jobs)(work))
     figures = {
         "schema": 1,
-        "frozen": _frozen(results, truth),
+        "frozen": fixed,
         "plan": content["plan"],
         "classes": [[c.first, c.second, c.when, c.why] for c in CLASSES],
         **summary(compared),

@@ -13,6 +13,7 @@ import plotly.graph_objects as go
 
 from gapscope.arm.io.atomic_write import write_text
 from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.nearest_name import shortened
 from gapscope.blind_check.scoring import Compared
 from gapscope.diagnosis.document.wording import Document
 from gapscope.reports.pages import (
@@ -119,8 +120,16 @@ def _verdicts(figures: Document) -> PageSection:
     well, beyond, calibration = (
         figures[key] for key in ("healthy", "unknown", "calibration")
     )
-    sets = calibration["sets"]
+    sets, fixed = calibration["sets"], figures["frozen"]
+    # of a run that did not end neither is known
+    source, changed = ("–", "–")
+    if fixed["complete"]:
+        source = "yes" if fixed["source_changed_during_the_run"] else "no"
+        changed = shortened(fixed["changed_after_the_run"]) or "none"
     rows = {
+        "run complete": "yes" if fixed["complete"] else "no",
+        "source changed during the run": source,
+        "diagnoses changed after the run": changed,
         "false alarms on healthy arms": rate(well["false_alarms"]),
         "healthy arms with an effect named": rate(well["effects_named"]),
         "outside the catalogue called unexplained": rate(beyond["recall"]),

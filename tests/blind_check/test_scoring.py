@@ -31,6 +31,7 @@ from gapscope.blind_check.scoring import (
     wilson,
 )
 from gapscope.reports.blind_check import (
+    brief_tables,
     confusion_figure,
     reliability_figure,
     severity_figure,
@@ -188,7 +189,13 @@ def test_the_summary_counts_alarms_unknowns_and_failures() -> None:
     assert figures["by_kind"]["single"]["exact"]["hits"] == 1
     counts = dict.fromkeys(("armature", "unexplained", "failed"), 1)
     assert figures["confusion"]["armature"] == counts
+    # what the hashes of the run have shown is told where its shares are
+    fixed = {"complete": True, "source_changed_during_the_run": True}
+    figures["frozen"] = {**fixed, "changed_after_the_run": ["b", "c"]}
     assert all(table.markdown() and table.on_terminal() for table in tables(figures))
+    (shown,) = (x for x in brief_tables(figures) if x.title.startswith("Verdicts"))
+    assert "source changed during the run | yes" in shown.markdown()
+    assert "diagnoses changed after the run | b, c" in shown.markdown()
     for picture in (severity_figure, reliability_figure, confusion_figure):
         assert picture(figures).to_json()
 

@@ -240,7 +240,34 @@ def test_a_plan_is_read_from_yaml_and_its_faults_are_named(tmp_path: Path) -> No
     for change, problem in (
         ({"effects": ["payloat"]}, "payload"),
         ({"single": 3}, "unknown key 'single'"),
+        ({"effects": "payload"}, "plan, effects: expected a list of names, got 'pay"),
+        ({"effects": {"payload": 1}}, "plan, effects: expected a list of names"),
+        ({"robots": 3}, "plan, robots: expected a list of names, got 3"),
+        ({"robots": [3]}, "plan, robots: expected a list of names"),
+        ({"duration": 8}, "plan, duration: expected a list of two times"),
+        ({"duration": [8]}, "plan, duration: expected a list of two times"),
+        ({"duration": ["a", "b"]}, "plan, duration: expected times of at least 3 s"),
+        ({"duration": [9, 8]}, "plan, duration: .*longer than the longest"),
+        ({"inertials_off": "a"}, "plan, inertials_off: expected a share"),
+        ({"pairs": None}, "plan, pairs: expected a number of cases, got None"),
     ):
         file.write_text(yaml.safe_dump(change))
-        with pytest.raises(InputError, match=problem):
+        with pytest.raises(InputError, match=problem) as caught:
             read_plan(file)
+        assert caught.value.file == file
+
+
+def test_a_plan_that_cannot_be_dealt_begins_nothing(tmp_path: Path) -> None:
+    plan = BlindPlan(0, 1, 0, 0, 0, 0, effects=("payload",), robots=("small",))
+    with pytest.raises(InputError, match="name more effects"):
+        make(tmp_path / "cases", plan)
+    assert not (tmp_path / "cases-labels").exists()
+
+
+def test_results_are_looked_at_before_recordings_are_predicted(
+    made: tuple[Path, Path], tmp_path: Path
+) -> None:
+    said: list[str] = []
+    with pytest.raises(InputError, match="blind run first"):
+        score(made[0], tmp_path, made[1], progress=said.append)
+    assert said == ["compares the labels with the commitment"]
