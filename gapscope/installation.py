@@ -18,7 +18,7 @@ from gapscope.envs.simulated_arm import SimulatedArm
 
 
 NEEDED_FOR = {
-    "blind": "a faster gapscope blind make",
+    "blind": "gapscope blind make",
     "cluster": "gapscope fleet and diagnose --backend ray",
     "hdf5": "logs in HDF5 and MATLAB 7.3 files",
     "learn": "gapscope train, gapscope residual, agents in gapscope evaluate",
@@ -115,19 +115,15 @@ class EngineCheck:
         return self.difference is not None and self.difference < AGREE
 
 
-def check_engines(robot: str = "kuka_iiwa") -> list[EngineCheck]:
-    """Each installed engine with all effects off: acceleration under a torque, at random states.
-
-    Args:
-        robot: name or file of the arm.
-    """
-    return [_check(name, robot) for name in ENGINES if installed(name)]
+def check_engines() -> list[EngineCheck]:
+    """Each installed engine with all effects off: acceleration under a torque, at random states."""
+    return [_check(name) for name in ENGINES if installed(name)]
 
 
-def _check(engine: str, robot: str) -> EngineCheck:
+def _check(engine: str) -> EngineCheck:
     try:
         # largest difference between the engine's accelerations and M^-1 (torque - C dq - g), over the largest
-        arm = load_nominal_arm(robot)
+        arm = load_nominal_arm("kuka_iiwa")
         # the equation below has no friction
         silent = np.zeros(arm.n_joints)
         arm = replace(arm, coulomb=silent, viscous=silent)

@@ -77,7 +77,7 @@ def identify(
         filter=filter_,
         ridge=ridge,
         singular_values=singular_values,
-        keep=split_names(keep) if keep else (),
+        keep=split_names(keep),
     )
     with Progress(case) as progress, locked(out):
         # the document of an earlier run goes: one that is there is of this run

@@ -55,8 +55,10 @@ def diagnose(
     with Progress(case) as progress:
         progress(LOADS)
         from gapscope.many.batch import diagnose_path
+        from gapscope.many.workers import check_backend
         from gapscope.reports.diagnosis import CASE, CORRECTED, actions
 
+        check_backend(backend)
         result, paths = diagnose_path(case, out, progress, against=against)
     show(result, *paths)
     if against is not None:

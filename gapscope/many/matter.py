@@ -200,6 +200,12 @@ def matter(
         >>> import gapscope
         >>> gapscope.matter("my_arm", "task.csv", diagnosis="out")  # doctest: +SKIP
     """
+    if model is not None and diagnosis is not None:
+        raise InputError(
+            "--model and --diagnosis both say what was found",
+            "give one of them: values of a diagnosis are drawn, those of a model are not",
+            where="--model",
+        )
     # checked first: simulations may take long
     loaded, engine = case_of(case), check_engine(engine)
     file = None if diagnosis is None else Path(diagnosis) / "corrected.yaml"

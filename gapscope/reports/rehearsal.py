@@ -47,7 +47,7 @@ def sentence(rows: Sequence[Document]) -> str:
     """How many effects were found, and how many at the size that should be in nine of ten."""
     counts = [sum(row["outcome"] == key for row in rows) for key in OUTCOMES]
     found, confused, missed = counts
-    text = f"Of {len(rows)} effects put in {found} are found, {confused} taken for something else, {missed} missed"
+    text = f"Effects put in: {len(rows)}; found: {found}, taken for something else: {confused}, missed: {missed}"
     # at this size the forecast can be held against what was found
     likely = [
         row["outcome"] == "found" for row in rows if row["chance"] == "nine_of_ten"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
 import shlex
 import shutil
@@ -31,6 +32,8 @@ WORDS = {
         diagnose case --out '' | an argument is empty (after --out)
         gap '{tmp}/[red]case[/red]' | [red]case[/red]
         diagnose {sick} {healthy} --out {out} --backend cluster | --backend; cluster
+        diagnose {sick} --out {out} --backend cluster | --backend; cluster
+        matter {sick} --task {sick}/recording_0.csv --model {corrected} --diagnosis {sick} | --model; give one
         diagnose {healthy}/case.yaml --against {healthy} --out {out} | is the case itself
         predict {sick} --recording {tmp}/none.csv --out {out}.csv | {tmp}/none.csv
         replay {sick} --recording {sick}/none.csv --out {out}.csv | none.csv
@@ -319,6 +322,7 @@ ALONE = "one recording agrees with itself; remedy"
 PID = "controller: {kind: pid, rate: 250, kp: [9, 9], ki: [1, 1], kd: [1, 1]}"
 CASES = [
     (shutil.rmtree, READ, "sick; no such file; case.yaml"),
+    (lambda case: os.renames(case / "case.yaml", case / "a/case.yaml"), READ, "are cases; fleet"),
     (lambda case: (case / FIRST).unlink(), READ, f"sick/{FIRST}; no such file"),
     (in_file(FIRST, "tau2", "torque2"), READ, f"sick/{FIRST}; tau2"),
     (in_file(URDF, "</robot>", ""), READ, "sick/robot.urdf; not valid XML"),

@@ -30,7 +30,7 @@ def test_what_is_put_in_is_found_beside_what_was_there_and_kept(
     (row,) = content["rows"]
     assert row["outcome"] == "found" and row["named"] == ["torque scale, joint 1"]
     assert row["value"] == pytest.approx(row["size"], rel=0.3)
-    assert content["summary"].startswith("Of 1 effects put in 1 are found")
+    assert content["summary"].startswith("Effects put in: 1; found: 1, ")
     assert content["summary"] in " ".join(done.out.split())
     assert "Plotly.newPlot" in (out / "rehearsal.html").read_text(encoding="utf-8")
     diagnosis = out / row["diagnosis"] / "diagnosis.json"

@@ -108,7 +108,10 @@ def read_case_file(path: Path) -> dict[str, Any]:
         InputError: there is no such file, it is not YAML, or it does not follow the case format; the error names the
             line or the field.
     """
-    content = read_yaml(path, "give a case folder, or its case.yaml")
+    remedy, folder = "give a case folder, or its case.yaml", path.parent
+    if not os.path.lexists(path) and any(folder.glob(f"*/{path.name}")):
+        remedy = f"folders in it are cases: give {folder}/*, or gapscope fleet {folder}"
+    content = read_yaml(path, remedy)
     check(content, path)
     return content
 
