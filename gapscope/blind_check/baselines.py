@@ -11,7 +11,7 @@ import numpy as np
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import GapscopeError
+from gapscope.arm.errors import GapscopeError, extra
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.document.wording import Document
 from gapscope.effects.applied import AppliedEffect
@@ -384,16 +384,11 @@ def train(x: np.ndarray, names: Sequence[str]) -> Any:
     Raises:
         GapscopeError: scikit-learn is not installed, or there is one class alone.
     """
-    try:
+    with extra("learn", "the classifier of --train"):
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPClassifier
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
-    except ImportError:
-        raise GapscopeError(
-            "the classifier needs scikit-learn",
-            "pip install 'gapscope[learn]', or score without --train",
-        ) from None
     if len(set(names)) < 2:
         raise GapscopeError(
             "a classifier cannot be trained on cases of one class alone",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -109,21 +109,19 @@ def residual(
         onnx: write residual.onnx as well
         seed: of weights and batches
     """
+    from gapscope.arm.errors import extra
+
+    # asked before any work: training takes minutes
+    with extra("learn", "training a residual network"):
+        for name in ("torch", "sklearn", *(("onnx",) if onnx else ())):
+            import_module(name)
     from gapscope.arm.case import load_case
-    from gapscope.arm.errors import GapscopeError
     from gapscope.arm.io.atomic_write import begin_results
     from gapscope.arm.io.locked_section import locked
     from gapscope.ident.residual.fit import ResidualSettings, learn_residual
     from gapscope.interface.models import corrected_arm
     from gapscope.reports.residual import DOCUMENT, summary, write_learnt
 
-    needed = ("torch", "sklearn", *(("onnx",) if onnx else ()))
-    # asked before any work: training takes minutes
-    if missing := [name for name in needed if find_spec(name) is None]:
-        raise GapscopeError(
-            f"training a residual network needs {', '.join(missing)}",
-            "pip install 'gapscope[learn]'",
-        )
     settings = ResidualSettings(form=form, apart=apart, seed=seed)
     with Progress(case) as progress, locked(out):
         begin_results(out, DOCUMENT)

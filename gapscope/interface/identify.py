@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import RenderableType
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import begin_results
-from gapscope.arm.io.log import READERS
 from gapscope.diagnosis.set_up import look_at_set_up
 from gapscope.diagnosis.told_controller import with_told_controller
 from gapscope.ident.identification import Identification, IdentificationSettings
 from gapscope.ident.identification import identify as identify_case
-from gapscope.interface.models import case_file
+from gapscope.interface.models import case_file, case_of
 from gapscope.interface.result import Result
 from gapscope.reports.identification import DOCUMENT, summary, write_identification
 
@@ -82,7 +81,7 @@ def identify(
     """
     progress("reads the case")
     chosen = settings or IdentificationSettings()
-    read, told = with_told_controller(_loaded(case))
+    read, told = with_told_controller(case_of(case))
     if told is not None:
         read = replace(read, warnings=(*read.warnings, *told.sentences()))
     progress("tests the set-up")
@@ -112,16 +111,3 @@ def _as_recorded(case: Case, *, any_torque: bool) -> Case:
     # what else is doubtful does not stop it: it is said with the result
     said = (f"{doubt.text}; {doubt.remedy}" for doubt in doubts)
     return replace(case, warnings=(*case.warnings, *said))
-
-
-def _loaded(case: Case | str | Path) -> Case:
-    if isinstance(case, Case):
-        return case
-    # a log alone says nothing of robot and joints
-    if Path(case).suffix.lower() in READERS:
-        raise InputError(
-            "is a recording, not a case",
-            "give the case.yaml that lists it, or its folder",
-            file=case,
-        )
-    return load_case(case)

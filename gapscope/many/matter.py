@@ -18,7 +18,7 @@ from gapscope.agents.tracking import Tuning
 from gapscope.arm.case import Case
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import GapscopeError, InputError, extra
 from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.io.load_recording import load_recording
@@ -89,20 +89,15 @@ def read_policy(path: Path, action: str, arm: NominalArm) -> AgentModel:
     """A trained agent, or a policy of the environment's observations as ONNX beside the nominal arm's feedforward.
 
     Raises:
-        InputError: it is no policy for this arm.
-        GapscopeError: a package is missing.
+        InputError: it is no policy for this arm, or a package is missing.
     """
     if is_folder(path):
         # only if it is asked for: this brings torch
         from gapscope.agents.training.policy import read_agent_model
 
         return read_agent_model(path, arm)
-    try:
+    with extra("learn", "a policy as ONNX"):
         from onnx.reference import ReferenceEvaluator
-    except ImportError:
-        raise GapscopeError(
-            "a policy as ONNX needs the package onnx", "pip install 'gapscope[learn]'"
-        ) from None
     try:
         network = ReferenceEvaluator(str(path))
     except Exception as error:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
-from gapscope.arm.errors import GapscopeError
+from gapscope.arm.errors import extra
 from gapscope.arm.nearest_name import check_known
 from gapscope.effects.catalogue import FILES
 
@@ -62,8 +62,7 @@ def check_backend(backend: str) -> None:
     """Check that a backend exists before any work is done for it.
 
     Raises:
-        InputError: unknown backend.
-        GapscopeError: Ray is not installed.
+        InputError: unknown backend, or Ray is not installed.
     """
     check_known("backend", backend, (LOCAL, RAY), where="--backend")
     if backend == RAY:
@@ -74,17 +73,12 @@ def ray_module() -> Any:
     """Ray, which is imported only if it is asked for.
 
     Raises:
-        GapscopeError: it is not installed.
+        InputError: it is not installed.
     """
     # Ray reads this on import: it sends no usage data unless the user asks for that
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    try:
+    with extra("cluster", "--backend ray"):
         import ray
-    except ImportError:
-        raise GapscopeError(
-            "ray is not installed",
-            "pip install 'gapscope[cluster]', or use --backend local",
-        ) from None
     return ray
 
 

@@ -381,16 +381,16 @@ def _moved(result: Identification, moved: np.ndarray) -> str:
     )
 
 
-def shortened(warning: str, limit: int = MAX_WARNING) -> str:
-    """The first clauses of a warning, as many as ``limit`` characters hold, or words of the first clause."""
+def shortened(warning: str) -> str:
+    """The first clauses of a warning, as many as ``MAX_WARNING`` characters hold, or words of the first clause."""
     first, *others = warning.split("; ")
     kept = first
     # whole clauses: half a sentence says something else
     for clause in others:
-        if len(kept) + 2 + len(clause) > limit:
+        if len(kept) + 2 + len(clause) > MAX_WARNING:
             break
         kept = f"{kept}; {clause}"
-    return textwrap.shorten(kept, limit, placeholder=" ...")
+    return textwrap.shorten(kept, MAX_WARNING, placeholder=" ...")
 
 
 def _named(recordings: Sequence[str]) -> str:

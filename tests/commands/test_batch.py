@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -250,16 +249,6 @@ def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
     done = gapscope("diagnose", *cases, "--out", out)
     assert done.code == 0 and done.out.count("kept from an earlier run") == len(before)
     assert (out / "summary.html").is_file()
-
-
-@pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is installed")
-def test_without_ray_it_says_how_to_get_it(
-    gapscope: Command, sick: Path, healthy: Path, tmp_path: Path
-) -> None:
-    done = gapscope(
-        "diagnose", sick, healthy, "--out", tmp_path / "out", "--backend", "ray"
-    )
-    assert done.code == 1 and "gapscope[cluster]" in done.err
 
 
 def test_cases_of_one_name_are_numbered_beside_one_that_has_the_number() -> None:

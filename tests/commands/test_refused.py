@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -345,7 +346,7 @@ CASES = [
     (added("import: {tau: null}"), IDENTIFY, "no recording holds a torque"),
     (in_file("case.yaml", ", recording_1.csv, recording_2.csv", ""), ("agree {sick}",), ALONE),
     (in_file(FIRST, "q2", "elbow"), (PREDICT,), "recording_0.csv; q2"),
-    (lambda case: (case / "log.db3").touch(), LOGS, "is a recording, not a case; lists it"),
+    (lambda case: (case / "log.db3").touch(), LOGS, "is a log; gapscope inspect"),
 ]  # fmt: skip
 """What was done to a case, commands that read it, and what their messages have to say."""
 
@@ -363,3 +364,36 @@ def test_cases_that_cannot_be_used(
     spoil(sick)
     for command in commands:
         refused(command, words.split("; "))
+
+
+@pytest.mark.parametrize(
+    ("package", "extra", "line"),
+    [
+        ("ray", "cluster", "diagnose {sick} --out {out} --backend ray"),
+        ("ray", "cluster", "fleet {sick} --out {out} --backend ray"),
+        ("torch", "learn", "residual {sick} --out {out}"),
+        ("onnx", "learn", "matter {sick} --task a.onnx --model {corrected}"),
+        ("numba", "blind", "blind make --out {out} --healthy 1 --robots small {none}"),
+    ],
+)
+def test_a_package_that_is_missing_is_asked_for_in_one_way(
+    package: str,
+    extra: str,
+    line: str,
+    gapscope: Command,
+    sick: Path,
+    corrected: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.setitem(sys.modules, "onnx.reference", None)
+    none = " ".join(f"--{kind} 0" for kind in KINDS)
+    places = {"sick": sick, "corrected": corrected, "out": tmp_path / "out"}
+    done = gapscope(*line.format(**places, none=none).split())
+    assert done.code == 2 and f"pip install 'gapscope[{extra}]'" in done.err
+    assert f"needs {package}" in done.err and "which is not installed" in done.err
+
+
+KINDS = ("singles", "pairs", "triples", "outside", "ladder")
+"""Of the cases of a blind set, but for healthy ones."""

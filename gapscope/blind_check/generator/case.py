@@ -407,7 +407,7 @@ def make_case(spec: CaseSpec, seed: tuple[int, ...]) -> MadeCase:
     """Draw until a case runs well; the same seed gives the same case.
 
     Raises:
-        GapscopeError: no draw gave a case, or MuJoCo or numba is not installed.
+        GapscopeError: no draw gave a case, or numba is not installed.
     """
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([*seed, attempt])

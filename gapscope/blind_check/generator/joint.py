@@ -20,10 +20,7 @@ import numpy as np
 
 try:
     from numba import njit
-
-    COMPILED = True
 except ImportError:  # ``simulate`` raises when it is called
-    COMPILED = False
 
     def njit(**options):  # type: ignore[no-untyped-def, no-redef]
         """Leave a function as it is."""

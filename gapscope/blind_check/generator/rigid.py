@@ -1,32 +1,18 @@
-"""Rigid bodies by MuJoCo, of a URDF text; needs the extra ``blind``."""
+"""Rigid bodies by MuJoCo, of a URDF text."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
-
-from gapscope.arm.errors import GapscopeError
-
-try:
-    import mujoco
-except ImportError:  # ``model_of`` raises when it is called
-    mujoco = None
 
 GRAVITY = 9.81
 """[m/s^2]."""
 
 
 def model_of(urdf: str) -> Any:
-    """MuJoCo model of an arm on a fixed base, without contacts, limits, friction and armature.
-
-    Raises:
-        GapscopeError: MuJoCo is not installed.
-    """
-    if mujoco is None:
-        raise GapscopeError(
-            "the blind check's generator needs MuJoCo", "pip install 'gapscope[blind]'"
-        )
+    """MuJoCo model of an arm on a fixed base, without contacts, limits, friction and armature."""
     model = mujoco.MjModel.from_xml_string(urdf)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from gapscope.arm.errors import GapscopeError
+from gapscope.arm.errors import extra
 from gapscope.arm.motions.motion import Motion
 from gapscope.blind_check.generator import joint, true_arm
 from gapscope.blind_check.generator.arms import Arm, text_of
@@ -308,12 +309,10 @@ def simulate(
         t, q, dq, tau, q_ref, dq_ref; ``None`` if the loop is unstable or the controller's limit was reached.
 
     Raises:
-        GapscopeError: MuJoCo or numba is not installed.
+        InputError: numba is not installed.
     """
-    if not joint.COMPILED:
-        raise GapscopeError(
-            "the blind check's generator needs numba", "pip install 'gapscope[blind]'"
-        )
+    with extra("blind", "the blind check's generator"):
+        import_module("numba")
     simulation = _Simulation(plant, motion.q[0])
     out = np.zeros((len(motion.t), 3, plant.arm.n))
     change = np.inf if later is None else later[0]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from gapscope.arm.errors import GapscopeError
+from gapscope.arm.errors import extra
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.effects.residual import ResidualNetwork
 from gapscope.ident.residual.fit import Tensor
@@ -45,13 +45,8 @@ def onnx_model(residual: ResidualNetwork, path: Path | str | None = None) -> Any
     Raises:
         GapscopeError: the package onnx is not installed, or the file cannot be written.
     """
-    try:
+    with extra("learn", "the export to ONNX"):
         import onnx
-    except ImportError:
-        raise GapscopeError(
-            "the export to ONNX needs the package onnx",
-            "pip install 'gapscope[learn]'",
-        ) from None
     inputs, graph = residual.inputs, io.BytesIO()
     shape = inputs.n, 2, inputs.taps, inputs.channels
     with warnings.catch_warnings():
