@@ -215,8 +215,8 @@ def train(
     from gapscope.agents.training.training_settings import RESIDUAL, read_settings
     from gapscope.arm.io.locked_section import locked
     from gapscope.commands.agent_files import claim, trained_in
-    from gapscope.commands.inputs import read_arm
     from gapscope.effects.corrected_file import error_context, read_corrected
+    from gapscope.interface.models import make_arm
 
     # a rough model lacks torque, which an agent adds; to others it sets the gains
     agent = agent or (RESIDUAL if model in ROUGH else "ppo")
@@ -229,7 +229,7 @@ def train(
     content: dict[str, Any] = {}
     with Progress(model) as progress:
         hidden = None if effects is None else read_corrected(effects)
-        task = Task.of(model, read_arm(robot), hidden)
+        task = Task.of(model, make_arm(robot), hidden)
         settings = task.settled(settings)
         task.check(settings)
         # the hidden arm is made once before: an effect that it cannot have ends it here
@@ -311,9 +311,9 @@ def evaluate(
     from gapscope.arm.io.atomic_write import begin_results
     from gapscope.arm.io.locked_section import locked
     from gapscope.commands.agent_files import Cells, merge_options
-    from gapscope.commands.inputs import read_arm
     from gapscope.effects.corrected_file import error_context, read_corrected
     from gapscope.envs.engines import default_engine
+    from gapscope.interface.models import make_arm
     from gapscope.reports.evaluation import (
         DOCUMENT,
         evaluation_document,
@@ -334,7 +334,7 @@ def evaluate(
         law=options["law"],
     )
     with Progress(chosen if isinstance(chosen, str) else chosen.name) as progress:
-        arm = read_arm(chosen) if isinstance(chosen, str) else chosen
+        arm = make_arm(chosen)
         source = options["effects"]
         hidden = () if source is None else read_corrected(source)
         tried = read_models(models, arm, _read_agent)

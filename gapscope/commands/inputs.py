@@ -19,15 +19,6 @@ from gapscope.interface.models import recording_of
 from gapscope.terminal import note
 
 
-def read_arm(robot: str) -> NominalArm:
-    """The nominal arm of a name, a URDF or a case.
-
-    Raises:
-        InputError: it cannot be used.
-    """
-    return read_arm_and_controller(robot)[0]
-
-
 def read_arm_and_controller(robot: str) -> tuple[NominalArm, Controller | None]:
     """The nominal arm of a name, a URDF or a case, with the controller that a case has.
 

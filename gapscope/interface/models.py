@@ -423,7 +423,8 @@ def export(
         corrected: of a diagnosis (``result.corrected``) or a file (``gapscope.read_corrected``).
         file: the file to write.
         format: ``urdf``, ``mjcf`` or ``sdf``, by default as the ending of ``file`` says; or ``isaac_lab``, ``mjlab``,
-            ``newton``, ``genesis``, ``drake``, ``gazebo``, ``ros2_control``.
+            ``newton``, ``genesis``, ``drake``, ``gazebo``, ``ros2_control``. Others hold ranges alone, which
+            ``gapscope export --randomise`` writes.
         controller: of the case (``case.controller``), whose gains a snippet then holds.
 
     Raises:

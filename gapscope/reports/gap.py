@@ -88,23 +88,22 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
     rows = []
     for recording, role in measured:
         found = torque_gap(corrected, body, condition(recording))
-        replayed, problem, _ = attempt(
+        tried = attempt(
             case,
             corrected.effects,
             recording,
             residual=corrected.residual,
             states=corrected.states,
         )
-        # as the replay itself decides
-        by_controller = case.controller is not None and recording.q_ref is not None
         rows.append(
             {
                 "recording": recording.name,
                 "role": role,
                 "torque_nrmse": found.nrmse.tolist(),
                 "torque_rmse": found.rmse.tolist(),
-                "replay_rmse": None if replayed is None else replayed.tolist(),
-                "replayed": problem or ("controller" if by_controller else "torque"),
+                "replay_rmse": None if tried.rmse is None else tried.rmse.tolist(),
+                "replayed": tried.why
+                or ("controller" if tried.through_controller else "torque"),
             }
         )
     return {

@@ -127,11 +127,12 @@ def replay_gap(
 
 
 class Attempt(NamedTuple):
-    """A replay gap [rad], (n,), or ``None`` and why there is none; and the positions of the simulated arm."""
+    """A replay gap [rad], (n,), or ``None`` and why there is none; positions of the simulated arm; what moved it."""
 
     rmse: np.ndarray | None
     why: str | None
     moved: np.ndarray | None = None
+    through_controller: bool = False
 
 
 def attempt(
@@ -156,7 +157,7 @@ def attempt(
     # LinAlgError is a ValueError.
     except (GapscopeError, ArithmeticError, ValueError) as error:
         return Attempt(None, str(error))
-    return Attempt(replayed.rmse, None, replayed.q)
+    return Attempt(replayed.rmse, None, replayed.q, replayed.through_controller)
 
 
 def _shortened(case: Case, recording: Recording) -> tuple[Recording, str]:
