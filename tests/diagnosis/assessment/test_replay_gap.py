@@ -91,7 +91,7 @@ def test_an_arm_that_runs_away_is_null_with_a_warning(case: Case) -> None:
 
 def test_an_effect_that_cannot_be_simulated_is_explained(case: Case) -> None:
     lighter = AppliedEffect("armature", (1,), {"inertia": [-0.9]})
-    found, why, _ = attempt(case, (lighter,), case.recordings[0])
+    found, why, *_ = attempt(case, (lighter,), case.recordings[0])
     assert found is None and why is not None and "armature" in why
 
 
