@@ -179,6 +179,7 @@ def with_torque(
     told = None
     # beside a reference gains would take up what has changed
     if declared is None:
+        check_moving(case)
         case, told = with_told_controller(case)
     case = with_commanded_torque(case)
     check_torque(case)

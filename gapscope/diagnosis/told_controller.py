@@ -160,7 +160,9 @@ class ToldController:
     def lines(self) -> str:
         """What to write into the case."""
         parts = [f"kind: {self.controller.kind}, rate: {RATE:g}"]
-        for name, value in zip(NAMES, np.maximum(self.gains, 0.0).T, strict=False):
+        # of a joint that rests they are any: no law explains its error
+        gains = np.where(self.left[:, None] < 1.0, np.maximum(self.gains, 0.0), 0.0)
+        for name, value in zip(NAMES, gains.T, strict=False):
             parts.append(f"{name}: [{', '.join(f'{v:.4g}' for v in value)}]")
         parts.append(f"feedforward: {self.law.feedforward}")
         text = f"controller: {{{', '.join(parts)}}}"
@@ -511,7 +513,8 @@ def with_fed_forward(case: Case, seen: Case) -> Case:
         # too short for any law; what needs the signals says so
         return case
     stated = at_once[declared.feedforward]
-    if least > little or least * LAW_GAIN > stated:
+    # of a torque that is its law to the last digit both are zero
+    if least > little or least * LAW_GAIN >= stated:
         return case
     # what a good model feeds forward is what the arm needs, whatever its controller is: the error has to count
     if least * LAW_GAIN > left(kind, delay, WITHOUT):

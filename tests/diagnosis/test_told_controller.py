@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -18,6 +19,7 @@ from gapscope.arm.control import PD
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.told_controller import with_told_controller
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.recorder import Plan, record_case
 
@@ -131,3 +133,24 @@ def test_commands_that_act_late_are_named() -> None:
     early = each(case, ahead)
     warnings = gapscope.diagnose(early).document["warnings"]
     assert any("reference: {lead: 0.06" in str(warning) for warning in warnings)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_joints_that_rest_have_no_gains_and_an_arm_that_does_is_refused() -> None:
+    case = bare(recorded("none"))
+
+    def resting(*joints: int) -> Case:
+        def one(r: Recording) -> Recording:
+            assert r.q_ref is not None and r.dq_ref is not None
+            q, q_ref, dq_ref = (np.array(x) for x in (r.q, r.q_ref, r.dq_ref))
+            q[:, joints], q_ref[:, joints], dq_ref[:, joints] = 0.3, 0.3, 0.0
+            return replace(r, q=q, dq=None, q_ref=q_ref, dq_ref=dq_ref)
+
+        return each(case, one)
+
+    _, told = with_told_controller(resting(2))
+    assert told is not None
+    (kp,) = re.findall(r"kp: \[(.*?)\]", told.lines())
+    assert [0 < float(x) < 1e6 for x in kp.split(", ")] == [True, True, False]
+    with pytest.raises(GapscopeError, match="the arm stands still"):
+        gapscope.diagnose(resting(0, 1, 2))

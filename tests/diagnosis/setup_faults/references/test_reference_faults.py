@@ -21,6 +21,7 @@ from gapscope.arm.control import PD, feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
+from gapscope.diagnosis.prepare import with_torque
 from gapscope.diagnosis.setup_faults.references import find_reference_faults
 from gapscope.effects.setup_faults import (
     CoarseReference,
@@ -86,6 +87,12 @@ def test_a_right_set_up_has_no_fault(label: str, given: Callable[[Case], Case]) 
 def test_a_case_without_references_has_no_fault() -> None:
     case = synthetic.case(Truth(), seed=3)
     assert find_reference_faults(case) == (case, ())
+
+
+def test_a_torque_that_is_its_law_to_the_last_digit_is_right() -> None:
+    case = under_pd("payload")
+    right, found, told = with_torque(case)
+    assert right.controller == case.controller and (found, told) == ((), None)
 
 
 FAULTS: dict[str, tuple[Fault, str, dict[str, float]]] = {
