@@ -357,7 +357,9 @@ class Document(Comparison):
         """The verdict."""
         # a fault or a change is a cause as well as an effect
         found = self.named or self.prepared.faults or self._changes
-        return self._verdict(found=bool(found or self.prepared.states.others))
+        # another state of recordings is one if something of it can be seen
+        elsewhere = with_states([], self.prepared.states, self.terms, self.own_theta)
+        return self._verdict(found=bool(found or elsewhere))
 
     def _verdict(self, *, found: bool) -> Verdict:
         return verdict(

@@ -100,7 +100,7 @@ def verdict(*, found: bool, unknown: bool, rejected: bool) -> Verdict:
     """The verdict of a diagnosis.
 
     Args:
-        found: an effect, a fault of the set-up or a change during a recording is named.
+        found: an effect, of all recordings or of some, a fault of the set-up or a change during a recording is named.
         unknown: what is not named leaves more of the gap open than what is closes.
         rejected: an effect was found and rejected on held-out data.
     """

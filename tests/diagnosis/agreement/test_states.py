@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import case_of
+from arms import HEAVY, chain
+from cases import case_of, simulated_case
 from synthetic import Truth, arm, motion, recording
 
 import gapscope
 from gapscope.arm.case import Case
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.wording import verdict_sentence
+from gapscope.effects.applied import AppliedEffect
 from gapscope.interface.diagnose import DiagnosisResult
 
 LOAD = Truth(mass=1.5, com=(0.2, 0.0, 0.05))
@@ -102,3 +105,19 @@ def test_what_is_judged_is_judged_in_the_state_it_shares() -> None:
         predicted = gapscope.predict(apart, one.name, result.corrected).tau
         gap = (one.tau - predicted)[100:-100]
         assert (gap.std(axis=0) < 0.1 * one.tau.std(axis=0)).all()
+
+
+def test_a_difference_that_nobody_sees_is_no_effect(tmp_path: Path) -> None:
+    """It is told from the other recordings by its evidence, and is far below what an effect closes."""
+    made = chain(tmp_path, "two", *HEAVY, armature=[0.1, 0.1], coulomb=[1.0, 1.0])
+    little = AppliedEffect("coulomb_friction", (2,), {"torque": [0.02]})
+    how = {"seed": 1, "frequencies": (0.2, 0.15, 0.25), "duration": 10.0}
+    alike, other = (
+        simulated_case(tmp_path, "a", made, some, **how, rate=100.0, noise=0.002)
+        for some in ((), (little,))
+    )
+    recordings = (*alike.recordings[:2], other.recordings[2])
+    document = dict(gapscope.diagnose(replace(alike, recordings=recordings)).document)
+    validate(document)
+    assert not document["states"]["shared"] and document["effects"] == []
+    assert document["verdict"] == "no_gap"
