@@ -24,6 +24,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import CHANNELS, STILL, Recording, resting, slow_words
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.document.wording import in_text, with_slide_units
+from gapscope.diagnosis.gap.plausible_data import select_windows
 from gapscope.diagnosis.prepare import Progress, silent, with_torque
 from gapscope.diagnosis.selection.search import could_show
 from gapscope.diagnosis.set_up import Remark, SetUp, look_at_set_up, numbers
@@ -157,15 +158,19 @@ def _velocity(recording: Recording) -> Iterator[Remark]:
     gain = (recording.dq * rate).sum(axis=0) / power
     size = np.sqrt((recording.dq**2).sum(axis=0) / power)
     # noise of a differentiated encoder lowers the gain, not the size of a velocity in another unit
-    other = moving & (np.abs([size - 1, gain - 1]).min(axis=0) > VELOCITY_GAIN)
+    off = np.abs([size - 1, gain - 1]).min(axis=0)
+    # of the opposite sign it may have the right size
+    off = np.where(gain < 0, 1 - gain, off)
+    other = moving & (off > VELOCITY_GAIN)
     if other.any():
-        worst = int(np.abs(np.where(other, size - 1, 0.0)).argmax())
+        worst = int(np.where(other, off, 0.0).argmax())
+        times = np.copysign(size, gain)[worst]
         yield Remark(
             "warn",
             "channels",
             recording.name,
             f"dq of {_joints_of(other)} is not the velocity of q: "
-            f"{size[worst]:.3g} times it on joint {worst + 1}",
+            f"{times:.3g} times it on joint {worst + 1}",
             "check unit, order and transmission of import: {dq: ...}, or set it to null: it is then derived from q",
         )
 
@@ -449,7 +454,9 @@ def check_case(path: Path, progress: Progress = silent) -> dict[str, Any]:
             look = look_at_set_up(case, references)
             motions, excited = _of_signals(case, look, remarks)
             progress("asks what the recordings could show")
-            expected = _could_show(case, look.faults, remarks)
+            # faults of references come first, and are put right already
+            rest = look.faults[len(references) :]
+            expected = _could_show(case, rest, remarks)
         except GapscopeError as error:
             remarks.append(_as_remark(error, "torque"))
     slides = case.arm.sliding if case else ()
@@ -499,7 +506,7 @@ def _could_show(
     case = repaired(case, faults)
     try:
         with threadpool_limits(1):
-            entries = could_show(case.arm, case.recordings)
+            entries = could_show(case.arm, select_windows(case).recordings)
     except GapscopeError as error:
         remarks.append(_as_remark(error, "excitation"))
         return []

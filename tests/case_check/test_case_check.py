@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
+from scipy.signal import lfilter
 
 import gapscope
 from gapscope.arm.io.json_file import schema
 from gapscope.case_check.check import check_case
 from gapscope.cli import main
+from gapscope.diagnosis.gap import plausible_data
 
 Make = Callable[..., Path]
 
@@ -57,6 +59,7 @@ def test_nothing_is_wrong_with_a_good_case(make_case: Make) -> None:
         ({"import": {"tau": {"column": "tau{j}", "scale": 40}}}, "Torque unit (current)"),
         ({"import": {"q": ["q1", "q1"]}}, "q1 and q2 are the same column"),
         ({"import": {"dq": {"column": "dq{j}", "scale": 3}}}, "3 times it"),
+        ({"import": {"dq": {"column": "dq{j}", "scale": -1}}}, "-1 times it"),
         ({"import": {"q_ref": {"column": "q_ref{j}", "scale": 5}}}, "far from q_ref"),
     ],
 )  # fmt: skip
@@ -66,6 +69,40 @@ def test_one_fault_of_the_case_file_is_a_warning(
     check = check_case(make_case(**change))
     assert said in warned(check)
     assert check["can_be_diagnosed"], warned(check)
+
+
+def test_a_torque_computed_with_other_gains_is_said(make_case: Make) -> None:
+    """Its recordings are put right before it is asked what they could show."""
+
+    def computed(table: dict[str, np.ndarray]) -> None:
+        for j, (kp, kd) in enumerate(((800.0, 60.0), (300.0, 22.0)), 1):
+            # what the declared controller would have commanded: T de/dt + e = tau / kp, T = kd / kp
+            kept = np.exp(-0.004 * kp / kd)
+            target = table[f"tau{j}"] / kp
+            error = lfilter([1 - kept], [1, -kept], target)
+            rate = (target - error) * kp / kd
+            table[f"q_ref{j}"] = table[f"q{j}"] + error
+            table[f"dq_ref{j}"] = table[f"dq{j}"] + rate
+            table[f"tau{j}"] = 80.0 * error + 2.5 * rate
+
+    controller = {"rate": 250, "kp": [800, 300], "kd": [60, 22]}
+    check = check_case(make_case(spoil=computed, controller=controller))
+    assert "Unmeasured torque" in warned(check) and check["expected"]
+
+
+def test_what_could_show_is_asked_of_the_windows_of_a_long_log(
+    make_case: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = make_case()
+
+    def half() -> float:
+        expected = check_case(folder)["expected"]
+        return next(e["half"] for e in expected if e["effect"] == "viscous_friction")
+
+    whole = half()
+    for name in ("LONG_RECORDINGS", "EXAMINED"):
+        monkeypatch.setattr(plausible_data, name, 8.0)
+    assert half() > whole
 
 
 def rubbing(table: dict[str, np.ndarray]) -> None:
