@@ -18,10 +18,8 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.comparison import NONE
 from gapscope.diagnosis.document.wording import acts_on
-from gapscope.diagnosis.gap.plausible_data import no_torque
+from gapscope.diagnosis.prepare import prepare, silent
 from gapscope.diagnosis.selection.search import search_of
-from gapscope.diagnosis.setup_faults.detection import find_setup_faults
-from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.thresholds import (
     DESIGNED_ALTERNATIVES,
     MIN_SCREENING,
@@ -31,16 +29,16 @@ from gapscope.diagnosis.thresholds import (
     TIMES_RECORDED,
 )
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.catalogue import CATALOGUE, explained
 from gapscope.effects.catalogue import effect as by_name
+from gapscope.effects.catalogue import explained
 from gapscope.ident.excitation.design import (
     Excitation,
     ExcitationPlan,
     LimitPlan,
     design,
-    prepare,
 )
 from gapscope.ident.excitation.design import Prepared as PreparedSearch
+from gapscope.ident.excitation.design import prepare as prepare_search
 from gapscope.ident.excitation.trajectory_search import (
     Budget,
     Separated,
@@ -162,18 +160,13 @@ class PlannedEvidence:
     """What planned motions are expected to say between hypotheses.
 
     Args:
-        case: with the recordings at hand.
+        case: with the recordings at hand, those with a torque.
         sets: the hypotheses, as ``hypotheses`` gives them.
-
-    Raises:
-        GapscopeError: no recording has a torque.
     """
 
     def __init__(self, case: Case, sets: Sequence[Collection[tuple[str, int]]]) -> None:
         # values of the hypotheses are fitted to these
         recordings = [r for r in case.recordings if r.tau is not None]
-        if not recordings:
-            raise no_torque(case)
         self._search = search_of(case.arm, recordings)
         self.rivals = Rivals(self._search.arm, self._search.rivals(sets))
         arm = self._search.arm
@@ -203,19 +196,6 @@ class PlannedEvidence:
             )
 
         return separate
-
-    def effects(self) -> list[tuple[AppliedEffect, ...]]:
-        """The effects of each hypothesis, with the values that explain the recordings best."""
-        out = []
-        # a fit for each hypothesis, in their order
-        for fit in self.rivals.fits:
-            terms = fit.contrast.design.terms
-            theta = np.zeros(terms.size)
-            for one, value in fit.values.items():
-                theta[list(one.term.columns)] = value
-            chosen = [one.term for one in fit.mine]
-            out.append(terms.effects(terms.clipped(theta), chosen))
-        return out
 
 
 # What the next recording may be: motions of several speeds, without and with a known payload.
@@ -322,9 +302,8 @@ class Advice:
 
     Attributes:
         questions: what is open.
-        hypotheses: effects of what was found, then for each question those with the rival in place; empty if nothing
-            is open.
-        pairs: what the motion is expected to say between each two of them; empty likewise.
+        pairs: what the motion is expected to say between each two of what was found and, for each question, that with
+            the rival in place; empty if nothing is open.
         tried: options with the least evidence that a short search reached, ``None`` if it kept no limits.
         option: the one chosen, or ``None`` if nothing is open.
         plan: of the search.
@@ -332,7 +311,6 @@ class Advice:
     """
 
     questions: tuple[Question, ...]
-    hypotheses: tuple[tuple[AppliedEffect, ...], ...] = ()
     pairs: tuple[ExpectedEvidence, ...] = ()
     tried: tuple[tuple[MotionOption, float | None], ...] = ()
     option: MotionOption | None = None
@@ -363,9 +341,8 @@ def advise(
     unexplained = document["verdict"] == "unexplained"
     with threadpool_limits(1):
         if questions:
-            # names outside the catalogue are faults of the set-up: put right first
-            if any(entry["effect"] not in CATALOGUE for entry in document["effects"]):
-                case = repaired(case, find_setup_faults(case))
+            # of what was diagnosed
+            case = prepare(case, silent).case
             return _separating(case, effects, questions, request, progress)
         if unexplained or document["unexplained"]["above_floor"]:
             # a motion that excites all that a model may hold, by all evaluations: there is one option only
@@ -373,7 +350,9 @@ def advise(
             plan = SPEEDS[GENERAL]
             plan = replace(plan, rate=request.rate, criterion="d", budget=budget)
             rng = np.random.default_rng(request.seed)
-            found = design(prepare(case.arm, plan, request.limits, progress), rng)
+            found = design(
+                prepare_search(case.arm, plan, request.limits, progress), rng
+            )
             return Advice((), plan=plan, excitation=found)
     return Advice(())
 
@@ -401,7 +380,7 @@ def _separating(
         """The search for a motion, with a share of the evaluations, which are begun at another one."""
         evaluations = max(MIN_SCREENING, int(share * request.evaluations))
         budget = Budget(evaluations)
-        return prepare(
+        return prepare_search(
             case.arm,
             replace(option.plan(request.rate), budget=budget),
             request.limits,
@@ -434,7 +413,6 @@ def _separating(
     excitation = design(prepared, rng)
     return Advice(
         tuple(questions),
-        tuple(evidence.effects()),
         tuple(evidence.on(excitation.motion, option.payload)),
         tuple(tried),
         option,

