@@ -37,7 +37,6 @@ from gapscope.diagnosis.selection.undeclared_coupling import (
     undeclared_coupling,
 )
 from gapscope.diagnosis.setup_faults.clocks import Quantisation
-from gapscope.diagnosis.setup_faults.detection import upright
 from gapscope.diagnosis.setup_faults.fault_search import common_factor
 from gapscope.diagnosis.thresholds import (
     INERTIAL_ERROR,
@@ -182,7 +181,7 @@ class SheetComparison(Document):
         # by the laws themselves: nothing is linearised where nothing was fitted
         def left(some: Collection[str]) -> np.ndarray:
             arm_with = CorrectedArm(arm, tuple(effects[name] for name in some))
-            return gap_on_rows(rows, arm_with, self.body)
+            return self._gap_on(rows, arm_with)
 
         after = left(names)
         torque = {one: np.zeros_like(after) for one in found}
@@ -200,11 +199,15 @@ class SheetComparison(Document):
         for term, places in made.places.items():
             if term in fitted.places:
                 there[places] = shared[fitted.places[term]]
-        errors = made.shared_torque(there) * rows.scale / rows.trust
+        errors = rows.in_newton_metres(made.shared_torque(there))
         scale = torque_scale(rows.torque)
         every = np.ones(len(after), dtype=bool)
         floor = np.zeros(len(scale))
         return Explained(every, after, torque, errors, floor, scale, rows.trust)
+
+    def _gap_on(self, rows: Rows, arm: CorrectedArm) -> np.ndarray:
+        """Gap of an arm [N m], (M, n); what no torque was measured of has no weight."""
+        return gap_on_rows(rows, arm, self.body) * rows.measured
 
     def torque_of(self, one: Candidate) -> np.ndarray:
         """What a candidate does to the torque, as it was fitted to all [N m], (M, n)."""
@@ -216,7 +219,7 @@ class SheetComparison(Document):
             return np.zeros_like(self.explained.after)
         found = self.with_values(name, self.fitted.answer.values)
         arm = CorrectedArm(self.case.arm, (found,))
-        both = (gap_on_rows(self.judged_on, a, self.body) for a in (self.nominal, arm))
+        both = (self._gap_on(self.judged_on, a) for a in (self.nominal, arm))
         return np.subtract(*both)
 
     @cached_property
@@ -236,9 +239,8 @@ class SheetComparison(Document):
         if not self.turn:
             return known
         # the search is about the arm as it is mounted
-        nominal = gap_on_rows(self.rows, CorrectedArm(self.case.arm), self.body)
-        # from rows that are scaled and weighed back to N m
-        mounted = self.fit.contrast.design.gap * self.rows.scale / self.rows.trust
+        nominal = self._gap_on(self.rows, self.nominal)
+        mounted = self.rows.in_newton_metres(self.fit.contrast.design.gap)
         turned = (nominal - mounted)[known.rows]
         more = {one: known.torque.get(one, 0.0) + turned for one in self.turn}
         return replace(known, torque={**known.torque, **more})
@@ -445,11 +447,11 @@ class SheetComparison(Document):
         if reached != "unexplained":
             return "", ""
         off, another = rms(self.stages.repaired, None), self.prepared.another_arm
-        mounted = upright(self.case)
-        gravity = mounted.arm.gravity, self.case.arm.gravity
-        said = misread(float(off), *gravity, another=another)
+        given = self.case.arm.gravity
+        shown = self.searching.arm.arm.gravity if self.turn else given
+        said = misread(float(off), shown, given, another=another)
         # as a check says it of the same case
-        factor = None if any(said) else common_factor(mounted)
+        factor = None if any(said) else common_factor(self.case)
         if factor is not None:
             return another_scale(*factor)
         # first, if it is most of what stays

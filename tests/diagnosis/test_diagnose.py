@@ -165,6 +165,19 @@ def test_gaps_are_those_of_the_judged_recording(
     assert first.startswith("in the robot file: mass (2); see gapscope audit /")
 
 
+def test_what_was_not_measured_of_a_judged_recording_has_no_weight() -> None:
+    def clipped(r: Recording) -> Recording:
+        assert r.tau is not None
+        most = 0.6 * np.abs(r.tau[:, 1]).max()
+        return replace(r, tau=np.clip(r.tau, [-np.inf, -most, -np.inf], most))
+
+    result = changed(clipped)
+    whole, part = (
+        d.document["gap"]["after"]["torque_nrmse"][1] for d in (found(), result)
+    )
+    assert part < 2 * whole
+
+
 def test_a_healthy_judged_recording_does_not_undo_what_was_fitted() -> None:
     healthy = synthetic.case(Truth(), seed=7, judged=True).judged
     result = diagnose(replace(judged(), judged=healthy))
