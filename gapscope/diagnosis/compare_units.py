@@ -32,7 +32,7 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.corrected_file import read_corrected, read_corrected_arm
+from gapscope.effects.corrected_file import read_corrected_arm
 from gapscope.effects.effect import TorqueLaw
 from gapscope.envs.effect_ranges import (
     EffectRange,
@@ -500,7 +500,9 @@ def confusion_column(unit: FleetUnit, units: Sequence[FleetUnit]) -> ConfusionCo
                 arm = load_case(other.case, read_recordings=False).arm
             # the other arm, hung where the recorded unit hangs
             mounted = replace(arm, gravity=case.arm.gravity)
-            arms[other.name] = CorrectedArm(mounted, read_corrected(other.corrected))
+            # with all that predicts beside its effects, of the last of its states
+            whole = read_corrected_arm(mounted, other.corrected)
+            arms[other.name] = replace(whole, states=())
         for row, predicting in arms.items():
             found = torque_gap(predicting, RigidBody(predicting.arm), segments).nrmse
             nrmse[row] = found if np.isfinite(found).all() else None
@@ -555,6 +557,8 @@ SPOILS = (
     "shifted_inertials",
     "torque_unit",
     "gravity_compensated_torque",
+    "zero_offset",
+    "unmeasured_torque",
 )
 """Faults of a set-up with which the recordings, or the arm believed, are of no use to another unit."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -219,6 +220,29 @@ def test_not_best_served_by_its_own_arm(name: str, confused: tuple[str, ...]) ->
     rows = {"nominal": [0.5, 0.5], "a": [0.2, 0.2], "b": [0.3, 0.05]}
     column = ConfusionColumn(name, {key: np.array(x) for key, x in rows.items()})
     assert (column.best, column.confused_with) == ("b", confused)
+
+
+def test_an_arm_predicts_with_all_that_its_file_holds(
+    fleet: list[FleetUnit], tmp_path: Path
+) -> None:
+    """A load that no effect names but the remainder of the last link."""
+    remainder, file = np.zeros((3, 10)), tmp_path / "corrected.yaml"
+    remainder[2, :4] = 1.2, 0.12, 0.024, 0.06
+    write_corrected("loaded", (), file, remainder=remainder)
+    (loaded,) = (replace(u, corrected=file) for u in fleet if u.name == "loaded")
+    made = confusion_column(loaded, [loaded])
+    own, nominal = made.mean("loaded"), made.mean(NOMINAL)
+    assert own is not None and nominal is not None and own < 0.5 * nominal
+
+
+@pytest.mark.parametrize("fault", ["zero_offset", "unmeasured_torque"])
+def test_a_unit_whose_case_cannot_be_predicted_takes_no_part(
+    fault: str, tmp_path: Path
+) -> None:
+    found = {"a": unit(), "b": unit(), "c": unit((fault, [2], {}))}
+    units = [FleetUnit(n, tmp_path / n, tmp_path / f"{n}.yaml") for n in found]
+    (group,), _ = grouped(found, units)
+    assert set(group.left_out) == {"c"}
 
 
 # The document of the units, in words and in the summary.
