@@ -64,6 +64,8 @@ FIRST_MOMENTS = 4
 """Columns of a link's regressor that gravity acts on: mass and first moments."""
 AS_IS = "the model as it is"
 """The first explanation."""
+FLAT = 1e-6
+"""Deviation below which a torque is constant [N m]."""
 
 
 def static_poses(robot: str | Path, recording: Path) -> dict[str, Any]:
@@ -102,6 +104,12 @@ def static_poses(robot: str | Path, recording: Path) -> dict[str, Any]:
     # offsets are free: means are taken off
     torque = tau - tau.mean(axis=0)
     size = float(rms(torque, axis=None))
+    if size < FLAT:
+        raise InputError(
+            "has the same torque in all poses",
+            "check the columns tau1.., or hold the arm in poses that differ",
+            file=recording,
+        )
     by_model = model - model.mean(axis=0)
 
     def explained(
@@ -119,10 +127,12 @@ def static_poses(robot: str | Path, recording: Path) -> dict[str, Any]:
         explained("a torque column without gravity", torque),
         explained("torque of the opposite sign on all joints", torque + by_model),
     ]
-    common = float((torque * by_model).sum() / (by_model**2).sum())
-    name = f"one scale of {common:.3g} on all joints"
-    scaled = explained(name, torque - common * by_model)
-    found.append({**scaled, "parameters": 1})
+    # gravity acts on no joint of an arm that lies on a table
+    if np.isfinite(scale).any():
+        common = float((torque * by_model).sum() / (by_model**2).sum())
+        name = f"one scale of {common:.3g} on all joints"
+        scaled = explained(name, torque - common * by_model)
+        found.append({**scaled, "parameters": 1})
     # joints on which gravity hardly acts keep their sign
     opposite = correlation < OPPOSITE
     if opposite.any() and not opposite.all():
@@ -207,7 +217,7 @@ def _read(robot: str | Path, recording: Path) -> tuple[NominalArm, list[Recordin
         arm = load_nominal_arm(
             robot if own is None else own.arm.urdf,
             joints=case.arm.joints,
-            locked=None if own is None else own.arm.locked,
+            locked=(case if own is None else own).arm.locked,
             gravity=case.arm.gravity.tolist(),
         )
     elif own is not None:
@@ -245,7 +255,7 @@ def _rests(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 def _line(model: np.ndarray, tau: np.ndarray) -> tuple[float, float, float]:
     """Correlation, scale and offset of measured over computed torque; nan where gravity does not act."""
     # gravity does not act about a vertical axis: any scale would fit
-    if model.std() < 1e-6 or tau.std() == 0:
+    if model.std() < FLAT or tau.std() == 0:
         return np.nan, np.nan, float(tau.mean() - model.mean())
     correlation = float(np.corrcoef(model, tau)[0, 1])
     # least squares of tau = scale model + offset

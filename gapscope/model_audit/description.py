@@ -108,7 +108,7 @@ def link_geometry(description: Description, link: str) -> Geometry | None:
             return None  # the shapes that are left may be a small part of the link
         for shape in other.shapes:
             if shape.kind == "mesh" and shape.mesh is not None:
-                corners = _mesh(shape.mesh, shape.size)
+                corners = _mesh(shape.mesh, shape.size, shape.mesh.stat().st_mtime_ns)
                 if corners is None:
                     return None
             else:
@@ -167,8 +167,8 @@ def _solid(hulls: Sequence[ConvexHull]) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=256)
-def _mesh(path: Path, scale: tuple[float, ...]) -> np.ndarray | None:
-    """Corners of a mesh's hull [m]; ``None`` if it cannot be read."""
+def _mesh(path: Path, scale: tuple[float, ...], written: int) -> np.ndarray | None:
+    """Corners of a mesh's hull [m], of a file as it was written at a time; ``None`` if it cannot be read."""
     points = mesh_points(path, scale)
     hull = None if points is None else _hull(points)
     # the hull's corners alone: a mesh may have a hundred thousand

@@ -6,13 +6,16 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from arms import Link, urdf
+import yaml
+from arms import YAW_PITCH, Link, changed, urdf, written
 from jsonschema import Draft202012Validator
+from scipy.spatial import ConvexHull
 
 import gapscope
 from gapscope.arm.dynamics.description import read_description
@@ -427,3 +430,45 @@ def test_a_moving_recording_is_refused(tmp_path: Path) -> None:
     q = np.repeat(np.linspace(0, 3, 20 * HELD)[:, None], 7, axis=1)
     with pytest.raises(InputError, match="rests in 0 poses"):
         static_poses("kuka_iiwa", logged(tmp_path, q, np.sin(q)))
+
+
+def test_an_arm_on_which_gravity_does_not_act_is_audited(tmp_path: Path) -> None:
+    """And a torque that is the same in all poses tells nothing."""
+    poses = np.random.default_rng(0).uniform(-1, 1, (POSES, 2))
+    file = written(tmp_path / "r.urdf", "r", *changed(YAW_PITCH, axis="0 0 1"))
+    audit = audit_model(file, recorded(tmp_path, poses, 0 * poses))
+    names = [x["name"] for x in audit["static"]["explanations"]]
+    assert not any("scale" in name for name in names)
+    with pytest.raises(InputError, match="the same torque in all poses"):
+        still = np.repeat(poses, HELD, axis=0)
+        static_poses(file, logged(tmp_path, still, 0 * still + 3.1))
+
+
+def test_joints_stay_locked_as_the_case_of_the_poses_has_them(tmp_path: Path) -> None:
+    poses = np.random.default_rng(0).uniform(-1, 1, (POSES, 2))
+    more = Link("grip", "hand", origin="0.5 0 0", mass=1)
+    file = written(tmp_path / "r.urdf", "r", *YAW_PITCH, more)
+    how = {"joints": ["yaw", "pitch"], "locked": {"grip": 1.5}}
+    tau = RigidBody(load_nominal_arm(file, **how)).gravity_torque(poses)
+    logged(tmp_path, *(np.repeat(x, HELD, axis=0) for x in (poses, tau)))
+    content = {"name": "x", "robot": "r.urdf", **how, "recordings": ["static.csv"]}
+    (tmp_path / "case.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    assert not list(check_static(static_poses(file, tmp_path)))
+
+
+def test_a_mesh_is_read_again_once_it_changes(tmp_path: Path) -> None:
+    mesh = '<collision><geometry><mesh filename="box.stl"/></geometry></collision>'
+    file = written(tmp_path / "r.urdf", "r", *changed(YAW_PITCH, shape=mesh))
+    volumes = []
+    for edge in (0.02, 0.2):
+        corners = np.array(list(product((0, edge), repeat=3)))
+        sides = [corners[side] for side in ConvexHull(corners).simplices]
+        text = "".join(
+            "facet normal 0 0 0\nouter loop\n"
+            + "".join(f"vertex {x} {y} {z}\n" for x, y, z in side)
+            + "endloop\nendfacet\n"
+            for side in sides
+        )
+        (tmp_path / "box.stl").write_text(f"solid x\n{text}endsolid x\n")
+        volumes.append(audit_model(file)["links"][1]["volume"])
+    assert volumes == pytest.approx([0.02**3, 0.2**3], rel=1e-3)
