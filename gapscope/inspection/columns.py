@@ -421,8 +421,8 @@ def guess_time(columns: TableColumns, rows: np.ndarray, context: str) -> TimeGue
         stamps = singles[name]
         if not np.isfinite(stamps).all():
             continue
-        # numbers of rows tell no rate: look for it elsewhere
-        if counts_rows(stamps):
+        # numbers of rows tell no rate: look for it elsewhere; steps of one may be milliseconds
+        if counts_rows(stamps) and not name.lower().endswith("_ms"):
             counted = name
             break
         step = np.diff(stamps)

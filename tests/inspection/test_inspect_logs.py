@@ -99,6 +99,14 @@ def test_the_drafted_case_reads_the_log_as_it_was_made(style, arm, motion, tmp_p
     np.testing.assert_allclose(read.tau, motion.tau, atol=1e-9)
 
 
+def test_a_time_in_milliseconds_at_1_khz_counts_no_rows(arm, motion, tmp_path):
+    table = {**case_format(motion), "t_ms": np.arange(len(motion.t))}
+    del table["t"]
+    found = inspected(tmp_path, arm, log=table)
+    read = load_case(drafted(found, tmp_path)).recordings[0]
+    assert read.rate == pytest.approx(1000.0)
+
+
 def test_files_side_by_side_become_one_recording(arm, motion, tmp_path):
     state = columns("Joint_{j}", motion.q)
     torque = columns("Joint_{j}", motion.tau)
