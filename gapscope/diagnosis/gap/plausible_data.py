@@ -328,8 +328,8 @@ def _cut(
             kept.append(recording)
             continue
         first = changes[recording.name][0]
-        if first.time - recording.t[0] >= MIN_UNCHANGED:
-            # the moment itself is known to an interval: none of that is used
+        # the moment itself is known to an interval: none of that is used
+        if first.interval[0] - recording.t[0] >= MIN_UNCHANGED:
             before = recording.t < first.interval[0]
             note = f"used up to {first.time:.2f} s only, since it changes there"
             kept.append(recording.part(before, notes=(*recording.notes, note)))

@@ -77,10 +77,12 @@ def test_the_longest_part_remains_if_all_change_at_once(
     case: Case, changes: tuple[Change, ...]
 ) -> None:
     (found,) = (f for f in changes if f.recording == "load")
-    early = replace(found, time=1.5, interval=(1.5, 1.5))
     alone = replace(case, recordings=(case.recordings[1],))
-    (kept,) = up_to_changes(alone, (early,)).recordings
-    assert kept.t[0] > 1.5 and kept.t[-1] == case.recordings[1].t[-1]
+    # of what may be before the change too little is left, or nothing
+    for time, interval in ((1.5, (1.5, 1.5)), (3.5, (0.5, 4.0)), (3.5, (0.0, 4.0))):
+        early = replace(found, time=time, interval=interval)
+        (kept,) = up_to_changes(alone, (early,)).recordings
+        assert kept.t[0] > time and kept.t[-1] == case.recordings[1].t[-1]
 
 
 def test_a_diagnosis_names_the_changes_and_no_effect(
