@@ -20,7 +20,6 @@ from gapscope.diagnosis.thresholds import (
     COVARIATE_CHANGE,
     COVARIATE_SHARE,
     COVARIATE_TEMPERATURE,
-    FALSE_ALARM_RATE,
     NAMED_PROBABILITY,
     OPEN_ALTERNATIVE,
 )
@@ -625,7 +624,6 @@ def document(found: Agreement) -> dict[str, Any]:
         "joints": found.case.arm.joints,
         "recordings": found.labels,
         "friction_law": "Coulomb and viscous friction",
-        "false_alarm_rate": FALSE_ALARM_RATE,
         "level": 1.0 - NAMED_PROBABILITY,
         "parameters": [_parameter(line, found) for line in found.parameters],
         "unknown": [

@@ -725,7 +725,6 @@ class ReferenceComparison(Document):
             "friction_law": "Coulomb and viscous friction, and what the effects below add",
             "base_parameters": round(contrast.determined),
             "torque_ratio_to_nominal": possible.torque_ratio,
-            "sampling_skew": 0.0,
             "held_out": {
                 "rmse": held_out,
                 "torque_nrmse": held_out / rows.scale,
@@ -774,15 +773,13 @@ class Change:
         case: the case, its nominal arm the possible one nearest to what predicts.
         effects: that, with this arm and ``remainder``, predict the torque recorded in the case.
         remainder: of the inertial parameters of each link, which a possible arm lacks to predict best, (n, 10).
-        comparison: of which all follows.
-        diagnosis: written from it.
+        diagnosis: its findings.
     """
 
     reference: KeptReference
     case: Case
     effects: tuple[AppliedEffect, ...]
     remainder: np.ndarray
-    comparison: ReferenceComparison
     diagnosis: Diagnosis
 
     @property
@@ -845,7 +842,6 @@ def diagnose_change(
             case=replace(comparison.prepared.case, arm=possible.arm),
             effects=comparison.effects(comparison.named),
             remainder=possible.remainder,
-            comparison=comparison,
             diagnosis=comparison.diagnosis(),
         )
 

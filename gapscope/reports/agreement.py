@@ -117,12 +117,7 @@ def write_page(content: Document, path: Path) -> None:
             for line in content["parameters"]
         ],
     )
-    # how many parameters agree, and at which rate one that agrees is said to differ
-    rate = content["false_alarm_rate"]
-    facts = (
-        f"{heading(content)} Recordings of an unchanged arm show a false difference in {rate:.0%} of cases. "
-        f"Friction: {content['friction_law']}."
-    )
+    facts = f"{heading(content)} Friction: {content['friction_law']}."
     # A panel for each parameter, those that differ first, with a bar of two deviations for each recording
     lines = [one for one in content["parameters"] if one["birge"] is not None]
     shown, figure = lines[:MAX_PANELS], Markup("")

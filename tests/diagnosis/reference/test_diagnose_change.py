@@ -22,6 +22,7 @@ from gapscope.diagnosis.diagnose_change import (
     diagnose_change,
     identify_reference,
 )
+from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected_file import read_corrected_arm
 
 OFFSET = (0.6, -0.5, 0.2)
@@ -66,9 +67,11 @@ def test_offset_that_changed_is_told_as_the_change(tmp_path):
     (found,) = change.diagnosis.document["effects"]
     assert (found["effect"], found["joints"]) == ("torque_offset", [2])
     assert found["parameters"]["torque"]["value"] == pytest.approx([1.5], rel=0.1)
+    inherent = change.diagnosis.document["against"]["inherent"]
+    known = (AppliedEffect(x["effect"], x["joints"], x["parameters"]) for x in inherent)
     then, now = (
         next(e for e in effects if e.name == "torque_offset").per_joint("torque", 3)
-        for effects in (change.comparison.effects(), change.effects)
+        for effects in (known, change.effects)
     )
     assert now - then == pytest.approx([0.0, 1.5, 0.0], abs=0.15)
 
