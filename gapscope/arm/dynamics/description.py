@@ -742,9 +742,9 @@ class _MjcfReader:
         spec = self.spec
         if spec.tendons:
             self.unread.append(("", "<tendon> is not read"))
-        for name in ("settotalmass", "boundmass", "boundinertia", "balanceinertia"):
-            if getattr(spec.compiler, name) > 0:
-                self.unread.append(("", f"<compiler {name}> is not read"))
+        for key in ("settotalmass", "boundmass", "boundinertia", "balanceinertia"):
+            if getattr(spec.compiler, key) > 0:
+                self.unread.append(("", f"<compiler {key}> is not read"))
         self._meshes = {mesh.name: mesh for mesh in spec.meshes}
         # before bodies, whose joints ask what actuators and equalities say
         self._mimics = self._equalities()

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import reduce
 from itertools import accumulate
-from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -198,19 +197,33 @@ def check(content: Any, path: Path | None, section: str = "", prefix: str = "") 
         InputError: the first fault, with its field.
     """
     content = plain(content)
-    # NaN and infinity are no numbers of JSON, nor of a schema
-    error = schema_fault(plain(content, null_if_not_finite=True), "case", section)
-    if error is None:
-        return
-    # list entries count from 1 as joints do
-    place = field([*filter(None, [prefix]), *error.absolute_path], first=1)
-    value = reduce(getitem, error.absolute_path, content)
-    message, remedy = _sentence(
-        error.validator, error.validator_value, value, error.schema
-    )
-    raise InputError(
-        message, remedy, file=path, where=f"field {place}" if place else ""
-    )
+
+    def fault(message: str, remedy: str, place: Iterable[str | int]) -> InputError:
+        # list entries count from 1 as joints do
+        said = field([*filter(None, [prefix]), *place], first=1)
+        return InputError(
+            message, remedy, file=path, where=f"field {said}" if said else ""
+        )
+
+    # NaN and infinity are numbers of a schema, but only a drive may have no limit
+    for place, number in _not_finite(content):
+        if "torque_limit" not in place:
+            raise fault(f"expected a number, got {number}", "correct it", place)
+    error = schema_fault(content, "case", section)
+    if error is not None:
+        said = error.validator, error.validator_value, error.instance, error.schema
+        raise fault(*_sentence(*said), error.absolute_path)
+
+
+def _not_finite(
+    content: Any, place: tuple[str | int, ...] = ()
+) -> Iterator[tuple[tuple[str | int, ...], float]]:
+    """NaN and infinity, and where they stand."""
+    if isinstance(content, float) and not math.isfinite(content):
+        yield place, content
+    parts = content.items() if isinstance(content, dict) else ()
+    for key, part in enumerate(content) if isinstance(content, list) else parts:
+        yield from _not_finite(part, (*place, key))
 
 
 def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, str]:

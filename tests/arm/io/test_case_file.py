@@ -172,7 +172,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"import": {"mend": {"time": {"scale": NONE}}}}, "field import.mend.time.scale: expected a number, got nan"),
     ({"import": {"tau": {"sign_bit": 40}}}, "field import.tau.sign_bit: expected a number of at most 31, got 40"),
     ({"controller": CONTROLLER | {"rate": INFINITE}}, "field controller.rate: expected a number, got inf"),
-    ({"locked": {"elbow": NONE}}, "field locked.elbow: expected a number or a text, got nan"),
+    ({"locked": {"elbow": NONE}}, "field locked.elbow: expected a number, got nan"),
     (
         {"nominal": {"coupling": [{"motor": 1, "joint": 1}]}},
         "case.yaml, nominal.coupling[1]: expected motor and joint, two different numbers",
