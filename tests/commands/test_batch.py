@@ -217,7 +217,9 @@ def heeding_interrupts() -> None:
 def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
     gapscope: Command, sick: Path, healthy: Path, tmp_path: Path, jobs: str
 ) -> None:
-    out, cases = tmp_path / "out", [sick, healthy]
+    # behind the first there is much to do, so that a busy machine does not end before it is told to
+    out, more = tmp_path / "out", shutil.copytree(sick, tmp_path / "more")
+    cases = [healthy, sick, more]
     command = [sys.executable, "-m", "gapscope", "diagnose", *map(str, cases)]
     command += ["--out", str(out), "--jobs", jobs]
     aside = tmp_path / "aside"
