@@ -108,6 +108,7 @@ class Parametrisation:
             each may be as large as the torque allows.
         data_sheet: quantity of the nominal arm to which the first linear coordinate adds, by its name in
             ``NominalArm``; the sum may not be negative.
+        constant: place of the linear coordinate that is a constant torque, as the offset of a joint is; or ``None``.
         clip: moves linear coordinates, shape (linear, m), into the bounds of the parameters; ``None`` for no bounds.
         grid: values of the nonlinear parameter to try; a ``Grid``, or a function of what the joint did.
         possible: which values the motion allows, (K,), by the torque recorded and the torque needed [N m], (M,) each;
@@ -122,6 +123,7 @@ class Parametrisation:
     usual: float = np.inf
     proportions: tuple[float, ...] | None = None
     data_sheet: str | None = None
+    constant: int | None = None
     clip: Callable[[np.ndarray], np.ndarray] | None = None
     grid: Tries | None = None
     possible: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None

@@ -262,6 +262,7 @@ SPRING = TorqueLaw(
         lambda x, _: {"stiffness": x[0], "rest": x[1] / nonzero(x[0])},
         linear=2,
         step=1.0,
+        constant=1,
         clip=clip_spring,
     ),
     severity=drawn(

@@ -261,6 +261,11 @@ class _Spans:
                 out.append(tuple(some))
         return out
 
+    @property
+    def parted(self) -> bool:
+        """Whether some recording has more spans than one."""
+        return any(len(ends) > 2 for ends in self.ends)
+
     def _passes(self, some: tuple[int, ...]) -> bool:
         """Whether spans begin and end within a recording."""
         return not any(some[0] == own[0] or some[-1] == own[-1] for own in self.groups)
@@ -282,6 +287,9 @@ class _Spans:
         number, *times = place
         ends, groups = self.ends[number], np.array(self.groups[number])
         within = ends[1:-1]
+        # its moments lie too near to the recording's ends
+        if not len(within):
+            return Candidate(term, tuple(groups.tolist()))
         # the grid moves from look to look: a time stands for the nearest end
         start, end = (
             float(within[np.argmin(np.abs(within - t))]) if np.isfinite(t) else t
@@ -671,8 +679,8 @@ def _by_torque(
         if step is not None and left:
             # what comes and goes has two moments: where none of two is borne out, others lead farther astray
             if learnt is None and not borne_out and sum(map(len, ends)) > 1:
-                _, asked, likely = question(mine, ends)
-                borne_out = bool(asked.run(likely, torque).fit.mine)
+                spans, asked, likely = question(mine, ends)
+                borne_out = spans.parted and bool(asked.run(likely, torque).fit.mine)
                 if not borne_out:
                     return told
             left, new, torque = left - 1, True, step.torque
@@ -687,6 +695,9 @@ def _by_torque(
             return told
         progress("asks what changed")
         spans, asked, likely = question(mine, ends)
+        # all moments lie too near to the ends of their recordings
+        if learnt is None and not spans.parted:
+            return told
         found, borne_out = asked.run(likely, torque), True
         settled = set(found.fit.mine) <= set(likely)
         # what joined without having been asked gets a moment by another look

@@ -581,6 +581,10 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     # deviation of the prior: ridge regression is I in its unit
     unit = WIDE / np.maximum(_largest(x), MIN_TORQUE)
     unit[: 10 * n] = BODIES * inertial_scale(start.body)
+    # a constant torque is the offset of its joint
+    constant = [(e.name, e.fitted.constant) for e in free]
+    same = [terms.block(name)[k] for name, k in constant if k is not None]
+    unit[10 * n + np.flatnonzero(np.isin(places, same))] = 0.0
     x = x * unit
     left = np.full(n, PRECISE)
     dry = [terms.block(e.name)[0] for e in free if isinstance(e, DryLaw)]
@@ -691,7 +695,11 @@ def _shared(term: Term, unit: np.ndarray, usual: float) -> np.ndarray:
     if isinstance(effect, Transmission):
         return np.full(len(unit), STIFF)
     if effect.fitted.data_sheet is not None or np.isinf(usual):
-        return np.full(len(unit), WIDE)
+        prior = np.full(len(unit), WIDE)
+        if effect.fitted.constant is not None:
+            # the offset of its joint has it: two that do the same would share it, and bounds cut off one of them
+            prior[effect.fitted.constant] = 0.0
+        return prior
     # what has a usual size cannot be told from free bodies otherwise; a healthy arm has less
     return np.minimum(HEALTHY * usual * unit, WIDE)
 

@@ -353,7 +353,8 @@ def _moves(at: LinearisationPoint, effect: Effect) -> Iterator[_Perturbation]:
     """The moves for an effect on a joint, by each coordinate on all joints at once, or for one on a motor.
 
     Coordinates beyond the first mean nothing of a torque law that is off, as the rest of a spring without stiffness:
-    they are moved from an arm on which it has begun by a step of the first.
+    they are moved from an arm on which the first is larger than all of them, so that no bound is met. Their columns are
+    the same there, as the law is linear.
     """
     chosen, theta = at.terms.choosable(effect.name), at.theta
     step, joints = effect.fitted.step, np.arange(at.arm.arm.n_joints)
@@ -378,7 +379,8 @@ def _moves(at: LinearisationPoint, effect: Effect) -> Iterator[_Perturbation]:
         for coordinate, block in enumerate(at.terms.block(effect.name)):
             if coordinate == 1 and isinstance(effect, TorqueLaw):
                 on = theta.copy()
-                on[first] += np.where(theta[first] == 0, own, 0.0)
+                every = np.array([t.columns for t in chosen])
+                on[first] = own + np.abs(theta[every]).sum(axis=1)
                 begun = moved(on, [], own[:0])
             arm = moved(on, [t.columns[coordinate] for t in chosen], own)
             yield _Perturbation(arm, begun, steps, joints, block)

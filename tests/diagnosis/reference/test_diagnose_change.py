@@ -135,8 +135,10 @@ def test_load_with_intervals_and_files_that_predict_what_was_recorded(
 
 
 def test_what_one_effect_cannot_take_another_of_the_arm_makes_up_for(tmp_path):
-    """A spring and an offset share a constant torque that a rest within its bounds cannot make."""
-    truth = replace(HEALTHY, offset=(0.6, -30.0, 0.2))
+    """A spring and an offset share a constant torque that a rest within its bounds cannot make; friction of a searched
+    form, which both days have, counts once."""
+    both = {"offset": (0.6, -30.0, 0.2), "saturation": (4.0, 0.0, 0.0)}
+    truth = replace(HEALTHY, **both)
     before, today, out = (tmp_path / name for name in ("reference", "case", "o"))
     write_case(case(truth, 1, "reference"), before)
     write_case(case(replace(truth, mass=1.2), 2), today)
