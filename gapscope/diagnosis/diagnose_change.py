@@ -611,11 +611,11 @@ class ReferenceComparison(Document):
         """The arm that predicts the reference, and the case but for its changes and what differs from day to day."""
         arm, contrast = self.difference.arm, self.fit.contrast
         made = contrast.design
-        # beside what both have as an effect
+        # beside what the case has of its own, and what both have as an effect
         left = contrast.gap - self.fit.own.torque(self.values)
         # an arm has no unknown functions: what they would do is shared out among the others
         held = np.where(untaken(made), 0.0, np.nan)
-        value = takeable(contrast.for_gap(left), arm, (REFERENCE,), held)
+        value = takeable(contrast.for_gap(left), arm, (REFERENCE, CASE), held)
         return moved(arm, made, value)
 
     @cached_property
