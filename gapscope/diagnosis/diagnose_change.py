@@ -728,6 +728,8 @@ class ReferenceComparison(Document):
             "friction_law": "Coulomb and viscous friction, and what the effects below add",
             "base_parameters": round(contrast.determined),
             "torque_ratio_to_nominal": possible.torque_ratio,
+            # what readers of the format expect: torque and motion are compared as they were recorded
+            "sampling_skew": 0.0,
             "held_out": {
                 "rmse": held_out,
                 "torque_nrmse": held_out / rows.scale,

@@ -23,7 +23,6 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import External
 from gapscope.model.changes import (
     PAYLOAD,
     PLAIN_FRICTION,
@@ -628,9 +627,7 @@ class Detector:
         false_alarms: float = 0.1,
         learning: float = LEARN,
     ) -> None:
-        # a push belongs to the recording in which it acted
-        effects = [e for e in corrected.effects if not isinstance(e.effect, External)]
-        self.corrected = replace(corrected, effects=tuple(effects))
+        self.corrected = corrected.lasting
         self.stream = SegmentStream(corrected.arm.sliding)
         n = corrected.arm.n_joints
         self.state = State(np.zeros(n, dtype=int), np.zeros(n))
