@@ -14,6 +14,7 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.check import BlindPlan, allocate_cases
 from gapscope.blind_check.generator.case import (
     CaseSetup,
+    draw_cause,
     draw_joints,
     draw_setup,
     make_case,
@@ -107,6 +108,20 @@ def test_a_single_effect_has_the_severity_that_was_drawn() -> None:
     ).label
     assert 5.0 <= max(label["signature"]) <= 10.0
     assert label["ratio"] >= 3.0
+
+
+def test_a_clamp_that_is_nothing_and_then_nearly_everything_gets_its_size(
+    setup: CaseSetup,
+) -> None:
+    rng = np.random.default_rng(5)
+    drawn = [
+        draw_cause(LAWS["torque_saturation"], setup, (3.0, 5.0), rng) for _ in range(4)
+    ]
+    made = [cause for cause in drawn if cause is not None]
+    assert len(made) > 1
+    for cause in made:
+        ratios = setup.signature((cause,))
+        assert ratios is not None and 3.0 <= ratios.max() <= 6.0
 
 
 def test_a_healthy_arm_is_its_own_twin() -> None:

@@ -254,7 +254,7 @@ def _motions(
 # Drawing a cause and giving it the size that its severity class asks for.
 
 
-TRIES = 6
+TRIES = 12
 """Runs of the held-out motion that the sizing of a cause may take."""
 OTHERS = (0.6, 1.0)
 """Size of an effect on its further joints, over that on its first."""
@@ -303,44 +303,53 @@ def _sized(
     targets: np.ndarray,
     severity: tuple[float, float],
 ) -> Cause | None:
-    """Scale towards the targets: what an effect adds to the gap is nearly proportional to its size.
+    """Scale towards the targets, as if what an effect adds to the gap were proportional to its size.
 
+    Where it is not, by halving between sizes that are too small and too large.
     A strong effect is lifted to ``MIN_NRMSE``, if that takes it beyond its class.
     """
     own, joints = cause.law.own, cause.joints
     least = np.zeros(setup.arm.n)
     if severity[0] >= STRONG[0][0]:
         least = MIN_NRMSE / (setup.floor / setup.deviation)
-    shrunk = 1.0
+    # sizes over the one that was drawn: this one, the largest that is too small, the least that is too large
+    size: np.ndarray = np.ones(len(targets))
+    small, large = np.zeros(len(targets)), np.full(len(targets), np.inf)
     for _ in range(TRIES):
         if not cause.believable():
             return None
         ratios = setup.signature((cause,))
         if ratios is None:
-            # the loop became unstable: try a smaller effect
-            cause = cause.sized(np.full(len(targets), 0.6))
-            shrunk = 0.6 * shrunk
-            if shrunk < 0.2:
-                return None
-            continue
-        # of each joint, or of the one where it is widest if its joints are not sized one by one
-        reached, wanted = ratios[joints], targets
-        if own:
-            wanted = np.maximum(targets, least[joints])
+            # the loop became unstable
+            large = np.minimum(large, size)
+            wider = np.full(len(targets), 0.6)
         else:
-            reached = ratios.max(keepdims=True)
-            # ratio at which the effect becomes visible on some joint
-            visible_at = reached * (least / np.maximum(ratios, 1e-9)).min()
-            wanted = np.maximum(targets.max(keepdims=True), visible_at)
-        highest = max(severity[1], 1.2 * wanted.max())
-        in_class = severity[0] <= ratios.max() <= highest
-        visible = own or (ratios >= 0.9 * least).any()
-        tolerance = NEAR if own else np.inf
-        near = (np.abs(np.log(reached / wanted)) < tolerance).all()
-        if in_class and visible and near:
-            return cause
-        factor = np.clip(wanted / np.maximum(reached, 1e-9), 0.1, 6.0)
-        cause = cause.sized(factor if own else np.full(len(targets), factor[0]))
+            # of each joint, or of the one where it is widest if its joints are not sized one by one
+            reached, wanted = ratios[joints], targets
+            if own:
+                wanted = np.maximum(targets, least[joints])
+            else:
+                reached = ratios.max(keepdims=True)
+                # ratio at which the effect becomes visible on some joint
+                visible_at = reached * (least / np.maximum(ratios, 1e-9)).min()
+                wanted = np.maximum(targets.max(keepdims=True), visible_at)
+            highest = max(severity[1], 1.2 * wanted.max())
+            in_class = severity[0] <= ratios.max() <= highest
+            visible = own or (ratios >= 0.9 * least).any()
+            error = np.log(wanted / np.maximum(reached, 1e-9))
+            near = not own or (np.abs(error) < NEAR).all()
+            if in_class and visible and near:
+                return cause
+            wider = np.clip(np.exp(error), 0.1, 6.0) * np.ones(len(targets))
+            small = np.maximum(small, np.where(wider > 1.0, size, 0.0))
+            large = np.minimum(large, np.where(wider < 1.0, size, np.inf))
+        # a clamp does nothing, and then nearly everything: half way, if that would leave what is known
+        following = size * wider
+        above = np.where(np.isinf(large), 4.0 * small, large)
+        half_way = np.sqrt(np.maximum(small, 0.36 * above) * above)
+        inside = (following > small) & (following < large)
+        following = np.where(inside, following, half_way)
+        cause, size = cause.sized(following / size), following
     return None
 
 
