@@ -172,7 +172,7 @@ FOURIER_FEATURES = 60
 # Time beside the border between two folds that is not fitted [s]: held-out rows have no neighbours in it. (definition)
 FOLD_GUARD = TRIM
 # Strengths of the ridge that are tried, over the mean square of the columns [1]. (budget)
-RIDGE_STRENGTHS = (3e-4, 3e-3, 3e-2, 0.3, 3.0)
+RIDGE_STRENGTHS = tuple(np.geomspace(3e-4, 3.0, 5).tolist())
 MIN_OSCILLATION = 0.5  # Lowest frequency of an oscillation [Hz]: a slow motion does what is below. (hand)
 MAX_OSCILLATION = TORQUE_CUTOFF  # Highest frequency of an oscillation [Hz]: the band of the torque gap. (definition)
 # Frequencies that are tried per resolution 1 / duration: the phase has to last over the prediction. (budget)

@@ -98,7 +98,9 @@ def drift_change(
 
 SATURATION_SPEEDS = Grid(0.1, 0.7, (0.1, 0.7), unit="largest speed", points=10)
 """Speeds over which friction may saturate."""
-PRESLIDING_DISTANCES = (1e-5, 2e-5, 3e-5, 6e-5, 1e-4, 3e-4)
+STRIBECK_SPEEDS = Grid(0.01, 3.0, (5e-3, 10.0))
+"""Speeds over which friction may fall from breakaway."""
+PRESLIDING_DISTANCES = tuple(np.geomspace(1e-5, 1e-3, 7).tolist())
 """Distances over which dry friction may build up after a reversal: teeth and grease bend [rad]. (physical)"""
 COULOMB_TORQUE = Parameter(
     "torque", "c", "N m", (-5e3, 5e3), (0.1, 14.0), increment=True
@@ -176,7 +178,7 @@ STRIBECK = DryLaw(
     ),
     amplitude=stribeck_amplitude,
     parametrisation=amplitude_and_searched(
-        "torque", "velocity", Grid(0.01, 3.0, (5e-3, 10.0)), lowest=0.0
+        "torque", "velocity", STRIBECK_SPEEDS, lowest=0.0
     ),
     severity=drawn(
         torque=Drawn(0.05, 0.2, of="torque", each=False),

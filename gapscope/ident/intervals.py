@@ -28,7 +28,7 @@ from gapscope.ident.estimators.linear import (
 )
 from gapscope.ident.model.base_parameters import ROUNDING, TINY, Factor
 from gapscope.ident.samples import (
-    STRIBECK_SPEEDS,
+    STRIBECK_TRIED,
     Problem,
     Samples,
     check_rank,
@@ -61,7 +61,7 @@ from gapscope.model.rows import MIN_MOTIONS
 #     omega^2 = sum u^2 / gamma.
 
 
-DRY_SPEEDS = (*FRICTION_SMOOTHING * np.array([1, 2, 4]), *STRIBECK_SPEEDS[:2])
+DRY_SPEEDS = (*FRICTION_SMOOTHING * np.array([1, 2, 4]), *STRIBECK_TRIED[:2])
 """Speeds vs of the dry functions [rad/s], from that over which the sign is smoothed. (budget)"""
 
 

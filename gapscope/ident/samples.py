@@ -18,6 +18,9 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import STILL, Recording, resting
 from gapscope.arm.root_mean_square import rms
 from gapscope.effects.friction import (
+    PRESLIDING_DISTANCES,
+    SATURATION_SPEEDS,
+    STRIBECK_SPEEDS,
     friction_direction,
     saturating_amplitude,
     stribeck_amplitude,
@@ -100,13 +103,8 @@ def parts_within(group: np.ndarray, length: float) -> list[slice]:
 
 MOVING = 0.05
 """A joint moves when it is faster than this [rad/s]."""
-STRIBECK_SPEEDS = (MOVING, 0.1, 0.2, 0.5, 1.0, 2.0)
+STRIBECK_TRIED = tuple(np.geomspace(MOVING, STRIBECK_SPEEDS.highest, 7).tolist())
 """Speeds vs tried for d exp(-(v / vs)^2) [rad/s]."""
-SATURATION_SHARES = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7)
-"""Speeds vt tried for s tanh(|v| / vt), over the largest speed of each drive [1]."""
-PRESLIDING_DISTANCES = (2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3)
-"""Distances tried over which dry friction turns round at a reversal [rad]: beyond those of an arm that is known, since
-play and bending look alike."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +149,7 @@ class FrictionLaw:
         """In words, for the report."""
         parts = ["Coulomb and viscous"]
         if self.stribeck_speed is not None:
-            parts.append(f"Stribeck below {self.stribeck_speed:g} rad/s")
+            parts.append(f"Stribeck below {self.stribeck_speed:.2g} rad/s")
         if self.saturation_speeds is not None:
             speeds = ", ".join(f"{speed:.2g}" for speed in self.saturation_speeds)
             parts.append(f"saturating above {speeds} rad/s")
@@ -881,18 +879,19 @@ def _nonlinear_laws(samples: Samples) -> list[FrictionLaw]:
     # a motor's speed is its mixture of joint speeds
     speeds = np.abs(samples.velocity @ columns.drives.T) / columns.per_radian
     fastest = speeds.max(axis=0)
-    moving = fastest[fastest > STRIBECK_SPEEDS[0]]
+    moving = fastest[fastest > MOVING]
     if not len(moving):
         return []
     # every moving drive exceeds a Stribeck speed by far: beyond the recorded speeds the law is extrapolated
     laws = [
         FrictionLaw(stribeck_speed=speed)
-        for speed in STRIBECK_SPEEDS
+        for speed in STRIBECK_TRIED
         if EXCEEDED * speed <= moving.min()
     ]
     # a drive that hardly moves still needs a speed for its column
-    scaled = np.maximum(fastest, STRIBECK_SPEEDS[0])
-    for share in SATURATION_SHARES:
+    scaled = np.maximum(fastest, MOVING)
+    grid = SATURATION_SPEEDS
+    for share in np.geomspace(grid.lowest, grid.highest, grid.points):
         laws.append(FrictionLaw(saturation_speeds=tuple((share * scaled).tolist())))
     return laws
 
