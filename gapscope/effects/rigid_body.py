@@ -165,7 +165,6 @@ LINK_INERTIA = LinkChange(
         lambda x, _: {"mass": x[0], "com": x[1:]},
         linear=4,
         lowest=lambda masses, last: (MIN_LINK_MASS - 1.0) * masses,
-        proportions=(LINK_MASS.typical[1], *[LINK_COM.typical[1]] * 3),
         clip=clip_link,
     ),
     built_in=True,

@@ -906,6 +906,8 @@ class Scan:
         """Values that explain most, from a start, and how much, less what their number makes of chance [nats]."""
         # logarithms: stiffness and width are positive, and span decades
         logs, lost = np.log(np.maximum(start, SMALLEST)), 0.0
+        # a radian per newton metre is no drive any more, nor is a play of one
+        bounds = [(np.log(SMALLEST), 0.0)] * len(logs)
         # a resonance that is not quite right explains little at its full size
         for scaled, step in ((True, 0.3), (False, 0.1)):
             found = minimize(
@@ -913,6 +915,7 @@ class Scan:
                 logs,
                 args=(term, scaled),
                 method="Nelder-Mead",
+                bounds=bounds,
                 options={
                     "maxfev": STARTS_TRIED,
                     "initial_simplex": logs
