@@ -45,7 +45,7 @@ CLAIMS = {
     "turned": "mounted turned|Base tilt",
     "rest": "stands still|no joint moves|at rest",
     "two arms": "as of another arm",
-    "slow": "hardly seen at 10 Hz",
+    "slow": r"hardly seen at [\d.]+ Hz",
     "pauses": "gaps in time|left out as pauses",
     "damaged": "rows left out that cannot be read",
     "vouches": "no other unit, sign, order or clock",
