@@ -474,16 +474,6 @@ class Samples(DecimatedSegments):
         """Samples of other recordings in the same band."""
         return Samples(self.columns, recordings, self.cutoff, self.trim, thinning)
 
-    def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
-        """The same as of any decimated segments."""
-        flat = series.reshape(len(series), -1)
-        # most columns of the first links are zero: filtering them costs as much
-        present = flat.any(axis=0)
-        some = super().thin(flat[:, present], segment)
-        out = np.zeros((len(some), flat.shape[1]))
-        out[:, present] = some
-        return out.reshape(len(some), *series.shape[1:])
-
     def inner(self, segment: Segment) -> slice:
         """The samples of a segment that count."""
         return segment.inner if self.trim else slice(0, len(segment.motion.t))

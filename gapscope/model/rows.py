@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from copy import copy
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -25,85 +24,6 @@ from gapscope.model.conditioning import (
     torque_scale,
 )
 from gapscope.model.terms import Term
-
-# The zero-phase low-pass on every so many samples only, as products of small matrices.
-#
-# ``conditioning.low_pass`` is linear: row i of what it gives is a sum over the samples about it, since its response
-# fades within a few periods of the cut-off. What is kept of a long series is therefore a product with a narrow band,
-# the same for all rows away from the ends; near the ends the rows are those of a short series. To keep one row of
-# four costs a third of filtering all of them.
-
-
-FADED = 9.0
-"""Periods of the cut-off after which the response has faded to 1e-9 of its peak [1]."""
-MAX_OF_RATE = 0.25
-"""Cut-off over rate up to which this holds [1]."""
-BLOCK = 16
-"""Rows that are computed by one product."""
-
-
-def low_passed_rows(
-    series: np.ndarray, rate: float, cutoff: float, kept: slice
-) -> np.ndarray:
-    """``low_pass(series, rate, cutoff)[kept]`` to 1e-8 of its size.
-
-    Args:
-        series: samples, (N, C).
-        rate: of the samples [Hz].
-        cutoff: of the low-pass [Hz].
-        kept: which rows of the result are wanted; M of them.
-
-    Returns:
-        Shape (M, C).
-    """
-    count = len(series)
-    rows = np.arange(count)[kept]
-    step = 1 if kept.step is None else kept.step
-    # of all rows the recursion is cheaper, and near Nyquist its response fades slowly
-    if step == 1 or cutoff > MAX_OF_RATE * rate:
-        return low_pass(series, rate, cutoff)[kept]
-    # stamps give rates that differ by rounding from recording to recording
-    rate = round(rate, 6)
-    # long enough that its middle sees neither end
-    length = min(count, 4 * _reach(rate, cutoff))
-    short = _short_series(rate, cutoff, length)
-    if length == count:
-        return np.asarray(short[rows] @ series)
-    out = np.empty((len(rows), series.shape[1]))
-    beginning, end = rows < length // 2, rows >= count - length // 2
-    out[beginning] = short[rows[beginning]] @ series[:length]
-    out[end] = short[rows[end] - (count - length)] @ series[count - length :]
-    between = np.flatnonzero(~(beginning | end))
-    reach, band = length // 4, _band(rate, cutoff, step)
-    # a block at a time, of as many samples as its rows reach
-    for block in np.split(between, range(BLOCK, len(between), BLOCK)):
-        if len(block):
-            first, last = rows[block[0]] - reach, rows[block[-1]] + reach + 1
-            out[block] = band[: len(block), : last - first] @ series[first:last]
-    return out
-
-
-def _reach(rate: float, cutoff: float) -> int:
-    """Samples after which the response has faded."""
-    return int(np.ceil(FADED * rate / cutoff))
-
-
-@lru_cache(maxsize=16)
-def _band(rate: float, cutoff: float, step: int) -> np.ndarray:
-    """The response in the middle of a series, moved on by ``step`` samples from row to row of a block."""
-    reach = _reach(rate, cutoff)
-    response = _short_series(rate, cutoff, 4 * reach)[2 * reach, reach : 3 * reach + 1]
-    band = np.zeros((BLOCK, len(response) + (BLOCK - 1) * step))
-    for row, own in enumerate(band):
-        own[row * step : row * step + len(response)] = response
-    return band
-
-
-@lru_cache(maxsize=16)
-def _short_series(rate: float, cutoff: float, length: int) -> np.ndarray:
-    """What the low-pass makes of each sample of a series, (L, L)."""
-    return low_pass(np.eye(length), rate, cutoff)
-
 
 # Segments and the rows that are taken of them: filtered, trimmed, decimated to about twice the filter's cut-off.
 
@@ -130,9 +50,13 @@ class DecimatedSegments:
 
     def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""
-        flat, kept = series.reshape(len(series), -1), self.taken(segment)
-        rows = low_passed_rows(flat, segment.motion.rate, self.cutoff, kept)
-        return rows.reshape(len(rows), *series.shape[1:])
+        flat, rate = series.reshape(len(series), -1), segment.motion.rate
+        # most columns of the first links are zero: filtering them costs as much
+        present = flat.any(axis=0)
+        rows = low_pass(flat[:, present], rate, self.cutoff)[self.taken(segment)]
+        out = np.zeros((len(rows), flat.shape[1]))
+        out[:, present] = rows
+        return out.reshape(len(rows), *series.shape[1:])
 
     def filtered(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """The same at the rate of the segment."""

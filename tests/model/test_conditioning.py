@@ -26,7 +26,6 @@ from gapscope.model.effective_samples import (
     low_pass_inflation,
     variance_inflation,
 )
-from gapscope.model.rows import low_passed_rows
 
 
 def sine(
@@ -325,35 +324,6 @@ def test_a_slip_is_a_jump_of_one_reading_that_no_lost_rows_explain() -> None:
     # as they do if one of them stands still
     still = cut.q * [1.0, 0.0]
     assert not slips(Recording("still.csv", cut.t, still))
-
-
-# Decimated rows of a low-passed series are those of the low-pass itself.
-
-
-@pytest.mark.parametrize("columns", [1, 9])
-@pytest.mark.parametrize(
-    ("rate", "cutoff", "count", "kept"),
-    [
-        (125.0, 12.0, 2501, slice(38, 2463, 4)),
-        (100.0, 12.0, 6000, slice(30, 5970, 3)),
-        (1000.0, 12.0, 20_000, slice(300, 19_700, 33)),
-        (125.0, 5.0, 2500, slice(0, 2500, 10)),
-        (250.0, 40.0, 4000, slice(75, 3925, 2)),
-        (125.0, 12.0, 120, slice(38, 82, 4)),
-        (29.0, 11.6, 700, slice(9, 691, 1)),
-        (30.0, 12.0, 700, slice(9, 691, 2)),
-    ],
-)
-def test_the_rows_are_those_of_the_low_pass(
-    rate: float, cutoff: float, count: int, kept: slice, columns: int
-) -> None:
-    """Of a random walk with an offset, whose ends differ."""
-    rng = np.random.default_rng(0)
-    walk = 5.0 + np.cumsum(rng.normal(size=(count, columns)), axis=0)
-    series = walk + rng.normal(size=walk.shape)
-    expected = low_pass(series, rate, cutoff)[kept]
-    found = low_passed_rows(series, rate, cutoff, kept)
-    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
 
 
 # Each way to count independent samples, against values worked out by hand or against drawn series.
