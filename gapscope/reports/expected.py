@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from textwrap import wrap
 
 from rich.console import Group
 from rich.text import Text
@@ -52,11 +53,12 @@ def expected_table(entries: Iterable[Document], n_joints: int) -> Group:
     for start in range(0, n_joints, JOINTS):
         some = slice(start, start + JOINTS)
         here = [(name, texts[some]) for name, texts in rows if any(texts[some])]
-        cells: list[list[str | Text]] = [[Text(name), *texts] for name, texts in here]
-        heads = ["effect", *(str(j + 1) for j in range(n_joints)[some])]
-        table = terminal_table(heads, cells, title=TITLE, **PLAIN)
         # words of names are not cut, however many joints there are
-        words = (word for name, _ in here for word in name.split())
-        table.columns[0].min_width = max(map(len, words), default=0)
+        width = max((len(word) for name, _ in here for word in name.split()), default=1)
+        cells: list[list[str | Text]] = [
+            [Text("\n".join(wrap(name, width))), *texts] for name, texts in here
+        ]
+        heads = ["effect", *(str(j + 1) for j in range(n_joints)[some])]
+        table = terminal_table(heads, cells, whole=slice(1), title=TITLE, **PLAIN)
         tables.append(table)
     return Group(*tables)

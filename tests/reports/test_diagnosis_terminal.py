@@ -37,13 +37,14 @@ def shown(what: RenderableType, width: int = 80) -> str:
 
 def test_sizes_of_many_joints_are_read_in_80_columns() -> None:
     sizes = [0.12345 * (joint + 1) for joint in range(14)]
-    size = {"effect": "coulomb_friction", "parameter": "torque", "unit": "N m"}
+    size = {"effect": "saturating_friction", "parameter": "torque", "unit": "N m"}
     entries = [
         {**size, "joints": [j + 1], "nine_of_ten": x, "half": x / 2}
         for j, x in enumerate(sizes)
     ]
     text = shown(expected_table(entries, len(sizes)))
-    assert all(f"{significant(x, 2)}" in text for x in sizes) and "…" not in text
+    assert all(f"{significant(x, 2)} " in text for x in sizes) and "…" not in text
+    assert all(f"({significant(x / 2, 2)})" in text for x in sizes)
 
 
 @pytest.mark.parametrize(
