@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gapscope.agents.evaluation import TrackingBench
 from gapscope.agents.models import AgentModel, ArmModel, Candidate
@@ -22,16 +22,12 @@ from gapscope.agents.training.training_loop import (
     write_curve,
 )
 from gapscope.agents.training.training_settings import TrainingSettings
-from gapscope.arm.case import load_case
 from gapscope.arm.display import listing
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import write_text
-from gapscope.arm.io.case_file import read_yaml
+from gapscope.arm.io.case_file import is_case, read_yaml
 from gapscope.arm.io.json_file import schema, to_json, write_json
-from gapscope.arm.nearest_name import check_known, nearest
-from gapscope.arm.nominal import SHEET_UNITS, NominalArm
-from gapscope.arm.robots import load_nominal_arm
-from gapscope.commands.inputs import is_case
+from gapscope.arm.nearest_name import check_keys, check_known
 from gapscope.diagnosis.prepare import Progress
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import described
@@ -40,16 +36,11 @@ from gapscope.envs.registration import NAME
 from gapscope.provenance import KEY, PACKAGE, fingerprint, program
 from gapscope.reports.training import write_page
 
-if TYPE_CHECKING:
-    from typer import Context
-
 # Arguments of the environment from a YAML file or its registered name, for ``gapscope evaluate --env``.
 
 
 ALIASES = {"motion": "motions", "engines": "engine", "episode_length": "duration"}
 """Names of the environment's arguments, by those of the command."""
-KNOWN = (*schema("environment")["properties"]["file"]["properties"], *ALIASES)
-"""Keys that a file may have."""
 UNUSED = (
     "action",
     "action_share",
@@ -66,110 +57,58 @@ UNUSED = (
     "render_mode",
 )
 """Arguments of the environment that an evaluation ignores."""
+KNOWN = (
+    *schema("environment")["properties"]["file"]["properties"],
+    *ALIASES,
+    *UNUSED,
+    "randomisation",
+)
+"""Keys that a file may have; the last one says what to write in its place."""
 
 
-def read_environment(source: str) -> tuple[Path, dict[str, Any]]:
-    """Path and content of the file of an environment, by the options of ``gapscope evaluate``.
+def read_environment(source: str) -> dict[str, Any]:
+    """What the file of an environment says, by the options of ``gapscope evaluate``; its paths start from its folder.
 
     The registered name stands for a file that says nothing.
 
     Raises:
         InputError: no such file or name, an unknown key, or a value that a key cannot have.
     """
-    path, values = Path(source), dict[str, Any]()
+    path = Path(source)
     if source == NAME:
-        return path, values
+        return {}
     # neither a YAML file nor a path that exists: a name that was mistyped
     if path.suffix not in (".yaml", ".yml") and not path.exists():
         check_known("environment", source, (NAME,), where="--env")
-    content = read_yaml(path, "check the path") or {}
-    if not isinstance(content, dict):
-        raise InputError(
-            "expected keys with values",
-            "write for instance robot: kuka_iiwa",
-            file=path,
-        )
-
-    def fault(problem: str, remedy: str = "", where: str = "") -> InputError:
-        return InputError(problem, remedy, file=path, where=where)
-
-    for key, value in content.items():
-        # an alias and the name it stands for are one key
-        name = str(ALIASES.get(key, key))
-        if key == "randomisation":
-            remedy = "write those to be tried as effects: FILE"
-            raise fault("an evaluation draws no effects", remedy, key)
-        if key not in (*KNOWN, *UNUSED):
-            near = f"{nearest(str(key), KNOWN)}known are {', '.join(KNOWN)}"
-            raise fault(f"unknown key {key!r}", near)
-        if name in values:
-            raise fault(f"says the same as {name}", "leave one of them out", key)
-        values[name] = value
     try:
+        content = check_keys(read_yaml(path, "check the path") or {}, KNOWN)
+        # an alias and the name it stands for are one key
+        values = {ALIASES.get(key, key): value for key, value in content.items()}
+        if len(values) < len(content):
+            (key, *_) = (k for k in ALIASES if {k, ALIASES[k]} <= content.keys())
+            remedy = "leave one of them out"
+            raise InputError(f"says the same as {ALIASES[key]}", remedy, where=key)
+        if "randomisation" in values:
+            remedy = "write those to be tried as effects: FILE"
+            raise InputError("an evaluation draws no effects", remedy)
         check_values(values, "environment", "file")
+        place = path.parent / values.get("case", values.get("robot", ""))
+        has_own = "case" in values or ("robot" in values and is_case(place))
+        if ("sheet" in values and has_own) or {"case", "robot"} <= values.keys():
+            remedy = "leave sheet: out, and robot: beside case:"
+            raise InputError("a case has its own robot and data sheet", remedy)
     except InputError as error:
         raise error.at(path) from None
     # lists of names as the options have them, with commas
     for name in ("engine", "motions", "disturbances"):
         if isinstance(values.get(name), list):
             values[name] = ",".join(values[name])
-    if "case" in values and ("robot" in values or "sheet" in values):
-        remedy = "leave robot: and sheet: out"
-        raise fault("a case has its own robot and data sheet", remedy)
-    return path, values
-
-
-def merge_options(
-    source: str | None, context: Context
-) -> tuple[NominalArm | str, dict[str, Any], tuple[str, ...]]:
-    """Options of a command with what an environment says, if the user gave no option.
-
-    Args:
-        source: file or name of the environment, or ``None``; paths in a file start from its folder.
-        context: of the command, whose options are called as those of ``gapscope evaluate``.
-
-    Returns:
-        The nominal arm, or its name; the options by name; and keys of the file that are ignored.
-
-    Raises:
-        InputError: see ``read_environment``; or the arm cannot be used.
-    """
-    options = dict(context.params)
-    if source is None:
-        return options["robot"], options, ()
-    path, values = read_environment(source)
-
-    def given(name: str) -> bool:
-        # a default of the command must not win over the file
-        from_user = context.get_parameter_source(name)
-        return from_user is not None and from_user.name == "COMMANDLINE"
-
-    # paths in the file start from its folder, not from the current one
+    # what is neither there nor named like a file is a known robot
+    if has_own or ("robot" in values and (place.suffix or place.exists())):
+        values["robot"] = str(place)
     if "effects" in values:
         values["effects"] = path.parent / values["effects"]
-    known = values.keys() & options.keys()
-    options |= {name: values[name] for name in known if not given(name)}
-    unused = tuple(key for key in values if key in UNUSED)
-    if given("robot") or not {"robot", "case", "sheet"} & values.keys():
-        return context.params["robot"], options, unused
-    return _arm(path, values), options, unused
-
-
-def _arm(path: Path, values: dict[str, Any]) -> NominalArm:
-    """The nominal arm that a file names, with its data sheet."""
-    robot, sheet = values.get("robot", "kuka_iiwa"), values.get("sheet")
-    place = path.parent / values.get("case", robot)
-    # a robot of the file may be a case too, with a data sheet of its own
-    if "case" not in values and not is_case(place):
-        return load_nominal_arm(robot, folder=path.parent, sheet=sheet, source=path)
-    if sheet is not None:
-        raise InputError(
-            "a case has its own data sheet",
-            "leave sheet: out",
-            file=path,
-            where="sheet",
-        )
-    return load_case(place, read_recordings=False).arm
+    return values
 
 
 # An agent trained in the simulator made from a model: its folder, and what is written to it.
@@ -199,22 +138,7 @@ def trained_in(
 
 def _digest(label: object, corrected: CorrectedArm) -> str:
     """Hash of an arm with effects by its content; its name and the place of its files do not matter."""
-    arm, residual = corrected.arm, corrected.residual
-    # by their numbers: the same network in another file is the same model
-    networks = () if residual is None else residual.networks
-    return fingerprint(
-        {
-            "label": label,
-            "urdf": arm.urdf,
-            "joints": arm.joints,
-            "encoder": [arm.encoder, arm.encoder_step],
-            "sheet": [getattr(arm, name) for name in ("gravity", *SHEET_UNITS)],
-            "effects": [described(applied) for applied in corrected.effects],
-            "networks": [[x.form, x.weights, x.biases] for x in networks],
-            "chosen": None if residual is None else residual.chosen,
-            "scale": None if residual is None else residual.scale,
-        }
-    )
+    return fingerprint([label, replace(corrected, arm=replace(corrected.arm, name=""))])
 
 
 def claim(

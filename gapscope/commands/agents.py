@@ -268,6 +268,15 @@ def _joint_error(score: dict[str, Any]) -> str:
     return "not tracked to the end" if error is None else f"{1e3 * error:.3g} mrad"
 
 
+def _from_file(ctx: typer.Context, source: str | None) -> str | None:
+    """What an environment says becomes the defaults of the options beside it."""
+    if source is not None:
+        from gapscope.commands.agent_files import read_environment
+
+        ctx.default_map = read_environment(source)
+    return source
+
+
 def evaluate(
     ctx: typer.Context,
     models: Annotated[list[str], Argument(metavar="MODEL...")],
@@ -283,7 +292,9 @@ def evaluate(
     bandwidth: float = 4.0,
     damping: float = 0.7,
     law: str = "feedforward",
-    env: Annotated[str | None, Option(metavar="FILE")] = None,
+    env: Annotated[
+        str | None, Option(metavar="FILE", callback=_from_file, is_eager=True)
+    ] = None,
     again: bool = False,
 ) -> None:
     """Evaluate models and trained agents by how well an arm is tracked with them.
@@ -310,7 +321,8 @@ def evaluate(
     from gapscope.agents.tracking import Tuning
     from gapscope.arm.io.atomic_write import begin_results
     from gapscope.arm.io.locked_section import locked
-    from gapscope.commands.agent_files import Cells, merge_options
+    from gapscope.arm.robots import load_nominal_arm
+    from gapscope.commands.agent_files import UNUSED, Cells
     from gapscope.effects.corrected_file import error_context, read_corrected
     from gapscope.envs.engines import default_engine
     from gapscope.interface.models import make_arm
@@ -321,29 +333,34 @@ def evaluate(
         write_evaluation,
     )
 
-    chosen, options, unused = merge_options(env, ctx)
-    if unused:
+    said = ctx.default_map or {}
+    if unused := [key for key in said if key in UNUSED]:
         note(f"note: {env}: ignored in an evaluation: {', '.join(unused)}")
     plan = EvaluationPlan(
-        motions=split_names(options["motions"]),
-        disturbances=split_names(options["disturbances"]),
-        seeds=tuple(range(options["seeds"])),
-        engines=split_names(options["engine"] or default_engine()),
-        duration=options["duration"],
-        tuning=Tuning(options["bandwidth"], options["damping"]),
-        law=options["law"],
+        motions=split_names(motions),
+        disturbances=split_names(disturbances),
+        seeds=tuple(range(seeds)),
+        engines=split_names(engine or default_engine()),
+        duration=duration,
+        tuning=Tuning(bandwidth, damping),
+        law=law,
     )
-    with Progress(chosen if isinstance(chosen, str) else chosen.name) as progress:
-        arm = make_arm(chosen)
-        source = options["effects"]
-        hidden = () if source is None else read_corrected(source)
+    # the data sheet of a file is that of its robot
+    typed = str(ctx.get_parameter_source("robot")).endswith("COMMANDLINE")
+    with Progress(robot) as progress:
+        if "sheet" in said and not typed:
+            source = Path(str(env))
+            arm = load_nominal_arm(robot, sheet=said["sheet"], source=source)
+        else:
+            arm = make_arm(robot)
+        hidden = () if effects is None else read_corrected(effects)
         tried = read_models(models, arm, _read_agent)
-        with error_context(source, hidden):
+        with error_context(effects, hidden):
             bench = TrackingBench(arm, hidden, plan)
         with locked(out):
             begin_results(out, DOCUMENT)
             # finished cells are kept until the results are whole: the same command goes on after an interruption
-            with error_context(source, hidden):
+            with error_context(effects, hidden):
                 cells = Cells(out, bench, again)
                 episodes, margins = evaluate_models(tried, bench, progress, cells)
             if cells.reused:

@@ -232,10 +232,10 @@ FILES = {
         seeds: many | a whole number from 1 on
         engine: 3 | a name or a list of names
         bandwidth: true | a number
-        {robot: kuka_iiwa, case: sick} | leave robot: and sheet: out
+        {robot: kuka_iiwa, case: sick} | leave sheet: out, and robot:
         {motion: fourier, motions: pick} | says the same as motions
         randomisation: {count: 3} | draws no effects
-        - robot | expected keys
+        - robot | expected names with values
         robot: [ | not valid YAML
         robot: kuka_iwa | did you mean 'kuka_iiwa'
         effects: missing.yaml | missing.yaml

@@ -25,7 +25,6 @@ from gapscope.diagnosis.diagnose_change import (
     identify_reference,
 )
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.model.conditioning import Segment, condition
@@ -143,15 +142,6 @@ def test_a_declared_load_is_no_news(known: str, tmp_path: Path) -> None:
     today, before = (carried, plain) if known == "case" else (plain, carried)
     document = compared(today, before, tmp_path).diagnosis.document
     assert document["verdict"] == "no_gap"
-
-
-def test_predicted_torque_carries_it() -> None:
-    recording = case().recordings[1]
-    left, more = (
-        (recording.tau - predict_torque(CorrectedArm(synthetic.arm()), r))[100:-100]
-        for r in (recording, replace(recording, payload=None))
-    )
-    assert (left.std(axis=0) < 0.1 * more.std(axis=0))[1:].all()
 
 
 @pytest.mark.nightly
