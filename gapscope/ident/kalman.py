@@ -341,14 +341,14 @@ def follow_states(
     count = max(1, round(period / (2 * LONGEST_STEP)))
     # the stepper counts joints in the order of the bodies, the case in its own
     to_body, to_case = regressor.body.order, regressor.body.places
-    stepper = Stepper(regressor.body, prior, period / count)
+    stepper = Stepper(regressor.body, prior[None], period / count)
 
     def after(x: np.ndarray, dt: float, torque: np.ndarray) -> np.ndarray:
         """The state after some time [s] under a torque [N m]."""
         parameters = prior.copy()
         parameters[own] += x[2 * n :]
         # each sigma point has its own arm
-        stepper.set_parameters(parameters)
+        stepper.set_parameters(parameters[None])
         stepper.dt = dt / count
         q, dq = x[:n][None, to_body], x[n : 2 * n][None, to_body]
         for _ in range(count):

@@ -1,4 +1,4 @@
-"""Inertials of bodies: boxes in their place, what is odd about them, and as elements of a URDF."""
+"""Inertials of bodies: boxes in their place, what is odd about them, as elements of a URDF, pseudo-inertias."""
 
 from __future__ import annotations
 
@@ -203,3 +203,61 @@ def _of_body(body: np.ndarray, distance: float) -> np.ndarray:
 def _spread(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a^T b E - (a b^T + b a^T) / 2, the second moments of unit mass at a if b = a, (3, 3)."""
     return np.asarray(a @ b * np.eye(3) - 0.5 * (np.outer(a, b) + np.outer(b, a)))
+
+
+# Pseudo-inertia: ten inertial parameters as a 4 x 4 matrix that is positive definite exactly for a real body.
+#
+# J = [[Sigma, h], [h^T, m]] with Sigma = int r r^T dm = tr(I) / 2 * 1 - I [kg m^2], h = m c [kg m] and the mass m [kg],
+# all in the frame of the joint that moves the link; parameters in the order of
+# ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
+
+
+BASIS = np.array(
+    [pin.PseudoInertia.FromDynamicParameters(x).toMatrix() for x in np.eye(10)]
+)
+"""B, shape (10, 4, 4): J = sum_k pi_k B_k."""
+
+
+def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:
+    """J of inertial parameters, shape (..., 10) to (..., 4, 4). Source: wensing2018."""
+    return np.einsum("...k,kab->...ab", parameters, BASIS)
+
+
+def principal_moments(bodies: np.ndarray) -> np.ndarray:
+    """Moments about the centre of mass [kg m^2], ascending, shape (L, 10) to (L, 3); NaN for a mass of 0."""
+    moments = np.full((len(bodies), 3), np.nan)
+    for row, body in zip(moments, bodies, strict=True):
+        if body[0]:
+            about_centre = pin.Inertia.FromDynamicParameters(body).inertia
+            row[:] = np.linalg.eigvalsh(about_centre)
+    return moments
+
+
+def to_log_cholesky(parameters: np.ndarray) -> np.ndarray:
+    """Log-Cholesky coordinates of consistent parameters, shape (L, 10) to (L, 10).
+
+    J = U U^T, U = e^a [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]] with theta = (a, d1,
+    d2, d3, s12, s23, s13, t1, t2, t3), as ``pinocchio.LogCholeskyParameters`` has them. Source: rucker2022.
+
+    Raises:
+        numpy.linalg.LinAlgError: the pseudo-inertia is not positive definite.
+    """
+    # an upper factor is the lower factor of the matrix with rows and columns reversed
+    flipped = pseudo_inertia(parameters)[:, ::-1, ::-1]
+    upper = np.linalg.cholesky(flipped)[:, ::-1, ::-1]
+    size = upper[:, 3:, 3]
+    unit = upper[:, :3] / size[:, None]
+    above = [np.diagonal(unit[:, :, :3], k, 1, 2) for k in range(3)]
+    theta = np.hstack([size, *above, unit[:, :, 3]])
+    theta[:, :4] = np.log(theta[:, :4])
+    return theta
+
+
+def from_log_cholesky(theta: np.ndarray) -> np.ndarray:
+    """Inertial parameters of log-Cholesky coordinates, shape (L, 10) to (L, 10); always consistent."""
+    return np.array([pin.LogCholeskyParameters(x).toDynamicParameters() for x in theta])
+
+
+def log_cholesky_jacobian(theta: np.ndarray) -> np.ndarray:
+    """Derivative d pi / d theta, shape (L, 10) to (L, 10, 10), rows pi."""
+    return np.array([pin.LogCholeskyParameters(x).calculateJacobian() for x in theta])

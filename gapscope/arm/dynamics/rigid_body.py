@@ -295,11 +295,14 @@ class RigidBody:
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, ...]:
         """Those of ``sensitivities``, if no mass is negative."""
-        motion = self._ordered(q, dq, ddq)
-        return tuple(
-            matrices[:, self.places][:, :, self.places]
-            for matrices in rnea_derivatives(self.model, self._data, *motion)
-        )
+        by_position, by_velocity, mass = found = np.empty((3, *q.shape, self.n_joints))
+        for i, state in enumerate(zip(*self._ordered(q, dq, ddq), strict=True)):
+            pin.computeRNEADerivatives(self.model, self._data, *state)
+            by_position[i], by_velocity[i] = self._data.dtau_dq, self._data.dtau_dv
+            mass[i] = self._data.M
+        # pinocchio fills the upper triangle alone
+        mass[:] = np.triu(mass) + np.triu(mass, 1).transpose(0, 2, 1)
+        return tuple(found[:, :, self.places[:, None], self.places])
 
     def gravity_regressor(self, q: np.ndarray) -> np.ndarray:
         """G(q) [kg m], shape (N, n, 3), with g(q) = G(q) g for gravity g in the base frame [m/s^2]."""
@@ -353,20 +356,6 @@ class RigidBody:
         """Inertial parameters pi of the links in joint order, shape (10 n,); units kg, kg m, kg m^2."""
         inertias = [self.model.inertias[link] for link in self.links.tolist()]
         return np.concatenate([inertia.toDynamicParameters() for inertia in inertias])
-
-
-def rnea_derivatives(
-    model: pin.Model, data: pin.Data, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Those of ``RigidBody.sensitivities``, all in kinematic order; no mass may be negative."""
-    by_position, by_velocity, mass = np.empty((3, *q.shape, q.shape[1]))
-    for i in range(len(q)):
-        pin.computeRNEADerivatives(model, data, q[i], dq[i], ddq[i])
-        by_position[i], by_velocity[i] = data.dtau_dq, data.dtau_dv
-        mass[i] = data.M
-    # pinocchio fills the upper triangle alone
-    mass = np.triu(mass) + np.triu(mass, 1).transpose(0, 2, 1)
-    return by_position, by_velocity, mass
 
 
 def _finite(limits: np.ndarray) -> np.ndarray:

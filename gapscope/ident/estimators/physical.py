@@ -9,6 +9,13 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
+from gapscope.arm.dynamics.inertials import (
+    BASIS,
+    from_log_cholesky,
+    log_cholesky_jacobian,
+    pseudo_inertia,
+    to_log_cholesky,
+)
 from gapscope.arm.errors import InputError
 from gapscope.arm.root_mean_square import rms
 from gapscope.ident.estimators.linear import (
@@ -21,16 +28,11 @@ from gapscope.ident.estimators.linear import (
 )
 from gapscope.ident.model.base_parameters import BaseParameters, Factor
 from gapscope.ident.model.physical_parameters import (
-    BASIS,
     check_links,
-    from_log_cholesky,
     inconsistent,
     link_count,
-    log_cholesky_jacobian,
     not_negative,
     possible_least_squares,
-    pseudo_inertia,
-    to_log_cholesky,
 )
 from gapscope.ident.samples import Problem, check_samples, unit_warnings
 
@@ -108,7 +110,7 @@ def log_cholesky(
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Gauss-Newton in a trust region over theta, with the pull |(theta - theta_0) / unit|^2 / 2; see ``Bodies``.
 
-    Every theta is a physical body, see ``gapscope.ident.model.physical_parameters.from_log_cholesky``; other parameters
+    Every theta is a physical body, see ``gapscope.arm.dynamics.inertials.to_log_cholesky``; other parameters
     stay as they are, those of friction and rotors at 0 or above. theta_0 is that of the prior, where the search
     starts too. Its units are 1 for the logarithms and the radius of gyration for the lengths. The covariance is that
     of the linearisation, P (J^T J + U^-2)^-1 P^T with P = d pi / d theta.

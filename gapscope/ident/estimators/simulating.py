@@ -17,8 +17,6 @@ from gapscope.arm.control import PD, SETTLE, Targets
 from gapscope.arm.dynamics.rollout import (
     ClosedLoop,
     Commands,
-    RollOut,
-    ticks_per_step,
 )
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.table import GAP_STEPS
@@ -163,40 +161,31 @@ class Experiment:
         """Base parameters of the prior, shape (b,)."""
         return self.base.of(self.prior)
 
-    def simulate(self, beta: np.ndarray) -> tuple[Recording, ...]:
-        """The recordings as an arm with base parameters beta, without noise, would have made them.
+    def simulate(self, *betas: np.ndarray) -> tuple[Recording, ...]:
+        """The recordings as arms with base parameters beta, without noise, would have made them, arm by arm.
 
         Raises:
-            GapscopeError: the arm diverged.
+            GapscopeError: an arm diverged.
         """
-        runs = zip(self.recordings, self._commanded, self._rolled(beta), strict=True)
+        runs = list(zip(self.recordings, self._commanded, strict=True)) * len(betas)
+        arms = np.array([self._parameters(beta) for beta in betas])
+        rolled = self._loop.roll_outs(
+            np.repeat(arms, len(self.recordings), axis=0),
+            [commands for _, (commands, _) in runs],
+            # one that was held at rest begins on its reference
+            [
+                (commands.q[0] if rows[0] else own.q[0], commands.dq[0])
+                for own, (commands, rows) in runs
+            ],
+        )
         return tuple(
             replace(own, q=x.q[rows], tau=x.tau[rows], dq=x.dq[rows], tau_sensor=None)
-            for own, (_, rows), x in runs
+            for (own, (_, rows)), x in zip(runs, rolled, strict=True)
         )
 
     def problem(self, beta: np.ndarray) -> Problem:
         """The problem that the simulated recordings make."""
         return self.build(self.simulate(beta))
-
-    def tangents(
-        self, beta: np.ndarray
-    ) -> tuple[tuple[Recording, np.ndarray, np.ndarray], ...]:
-        """Simulated recordings with d q / d beta [rad] and d tau / d beta [N m], each of shape (N, n, b)."""
-        along = self._loop.sensitivities(
-            self._parameters(beta),
-            self._rolled(beta),
-            np.linalg.pinv(self.base.combination)[self._order],
-        )
-        out = []
-        whole = zip(self.simulate(beta), self._commanded, along, strict=True)
-        for simulated, (_, rows), both in whole:
-            # numbers between two rows of a series interpolated
-            steps = np.arange(len(both[0]))
-            at = np.minimum(rows / ticks_per_step(self.controller), steps[-1])
-            by_q, by_tau = (make_interp_spline(steps, x, k=1)(at) for x in both)
-            out.append((simulated, by_q, by_tau))
-        return tuple(out)
 
     def check(self, problem: Problem) -> None:
         """Check that a problem is one of these recordings and determines the parameters, or raise ``InputError``."""
@@ -230,29 +219,6 @@ class Experiment:
     def _parameters(self, beta: np.ndarray) -> np.ndarray:
         """Those of the arm with base parameters beta, nearest to the prior, (14 n,)."""
         return self.base.nearest(beta, self.prior)[self._order]
-
-    @cached_property
-    def _last(self) -> dict[bytes, tuple[RollOut, ...]]:
-        """Roll-outs of the last parameters: an estimator asks for those of one point more than once."""
-        return {}
-
-    def _rolled(self, beta: np.ndarray) -> tuple[RollOut, ...]:
-        """Roll-outs of all recordings, computed or remembered."""
-        key = beta.tobytes()
-        if key not in self._last:
-            self._last.clear()
-            starts = []
-            for own, (commands, rows) in zip(
-                self.recordings, self._commanded, strict=True
-            ):
-                # one that was held at rest begins on its reference
-                begun = commands.q[0] if rows[0] else own.q[0]
-                starts.append((begun, commands.dq[0]))
-            every = [commands for commands, _ in self._commanded]
-            self._last[key] = self._loop.roll_outs(
-                self._parameters(beta), every, starts
-            )
-        return self._last[key]
 
     @cached_property
     def _commanded(self) -> list[tuple[Commands, np.ndarray]]:
@@ -508,13 +474,15 @@ def instrumental_variables(problem: Problem, experiment: Experiment) -> Estimate
 
 ROUNDS = 2
 """Rounds of weighting."""
+STEP = np.cbrt(np.finfo(float).eps)
+"""Step of differences, of parameters above 1 their share: a roll-out is smooth, and loses some digits [1]."""
 
 
 def output_error(problem: Problem, experiment: Experiment) -> Estimate:
     """Minimises the sum of ((q - q_s) / s_q)^2 + ((tau - tau_s) / s_tau)^2 over beta, by trust region.
 
-    q_s and tau_s are those of the closed loop simulated with beta; their derivatives come from sensitivity equations.
-    s_q and s_tau are the joints' RMS errors, computed anew in every round. Both sides pass the same low-pass.
+    q_s and tau_s are those of the closed loop simulated with beta; their derivatives are forward differences. s_q and
+    s_tau are the joints' RMS errors, computed anew in every round. Both sides pass the same low-pass.
 
     Raises:
         InputError: too few samples, or a problem that is not the experiment's.
@@ -526,11 +494,12 @@ def output_error(problem: Problem, experiment: Experiment) -> Estimate:
     parts = _outputs(experiment.recordings)
     measured, beta = np.concatenate(parts), experiment.start
 
-    def missed(x: np.ndarray) -> np.ndarray:
-        return measured - np.concatenate(_outputs(experiment.simulate(x)))
+    def missed(*arms: np.ndarray) -> np.ndarray:
+        simulated = np.concatenate(_outputs(experiment.simulate(*arms)))
+        return measured - simulated.reshape(-1, *measured.shape)
 
     with _divergence(0):
-        error = missed(beta)
+        error = missed(beta)[0]
 
     def residual(x: np.ndarray, scale: np.ndarray) -> np.ndarray:
         try:
@@ -539,12 +508,12 @@ def output_error(problem: Problem, experiment: Experiment) -> Estimate:
             return np.full(measured.size, np.inf)
 
     def slopes(x: np.ndarray, scale: np.ndarray) -> np.ndarray:
-        parts = [
-            _filtered(np.concatenate([by_q, by_tau], axis=1), recording)
-            for recording, by_q, by_tau in experiment.tangents(x)
-        ]
-        scaled = np.concatenate(parts) / scale[:, None]
-        return -scaled.reshape(measured.size, -1)
+        steps = STEP * np.maximum(np.abs(x), 1.0)
+        arms = np.vstack([x, x + np.diag(steps)])
+        # about as many at once as a joint has parameters: series of all might not fit
+        parts = [missed(*some) for some in np.array_split(arms, problem.n_joints)]
+        here, *moved = (np.concatenate(parts) / scale).reshape(len(arms), -1)
+        return (np.array(moved) - here).T / steps
 
     for _ in range(ROUNDS):
         scale = np.maximum(rms(error), TINY)
@@ -570,10 +539,10 @@ def output_error(problem: Problem, experiment: Experiment) -> Estimate:
 
 def _outputs(recordings: Sequence[Recording]) -> list[np.ndarray]:
     """Position and torque of each recording, filtered, trimmed and decimated, (M, 2 n)."""
-    return [_filtered(np.hstack([r.q, np.asarray(r.tau)]), r) for r in recordings]
-
-
-def _filtered(series: np.ndarray, recording: Recording) -> np.ndarray:
-    rate = recording.rate
-    edge, step = int(TRIM * rate), max(1, int(rate / (PER_CUTOFF * TORQUE_CUTOFF)))
-    return low_pass(series, rate, TORQUE_CUTOFF)[edge : len(series) - edge : step]
+    found = []
+    for own in recordings:
+        series, rate = np.hstack([own.q, np.asarray(own.tau)]), own.rate
+        edge, step = int(TRIM * rate), max(1, int(rate / (PER_CUTOFF * TORQUE_CUTOFF)))
+        inner = slice(edge, len(series) - edge, step)
+        found.append(low_pass(series, rate, TORQUE_CUTOFF)[inner])
+    return found

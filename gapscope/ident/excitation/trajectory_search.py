@@ -342,10 +342,6 @@ class Family(ABC):
         """The free numbers in their sizes."""
         return self.weight * free.reshape(-1, self.n_joints)
 
-    def pullback(self, free: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """Gradient by the free numbers from that by the coefficients."""
-        return (self.weight * gradient).ravel()
-
 
 class FourierFamily(Family):
     """``gapscope.arm.motions.trajectory.Fourier`` with free a_k and b_k, weighed by 1/k [swevers2007]."""
@@ -382,12 +378,6 @@ class MultisineFamily(FourierFamily):
         phase = np.pi * free.reshape(self.order, self.n_joints)
         return self.weight * np.concatenate([np.cos(phase), np.sin(phase)])
 
-    def pullback(self, free: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """Chain rule over sine and cosine."""
-        phase = np.pi * free.reshape(self.order, self.n_joints)
-        sine, cosine = np.split(self.weight * gradient, 2)
-        return np.pi * (-np.sin(phase) * sine + np.cos(phase) * cosine).ravel()
-
 
 class QuinticFamily(Family):
     """``gapscope.arm.motions.trajectory.way_points``, free at equal times; it starts and ends at q0."""
@@ -422,23 +412,6 @@ ROOM = 0.9
 """Share of the position range in which a centre may lie [1]."""
 
 
-class _Decoded(NamedTuple):
-    """Centre, share, S and gain as in ``Parametrisation``; of the limit that a joint uses most row, sign and room."""
-
-    centre: np.ndarray
-    share: np.ndarray
-    raw: np.ndarray
-    gain: np.ndarray
-    active: np.ndarray
-    sign: np.ndarray
-    limit: np.ndarray
-
-    @property
-    def coefficients(self) -> np.ndarray:
-        """C [rad], shape (m, n)."""
-        return self.share * self.gain * self.raw
-
-
 class Parametrisation:
     """Every x of R^d is a trajectory q0 + B(t) C within the limits of position, velocity and acceleration.
 
@@ -457,9 +430,8 @@ class Parametrisation:
         self._n = family.n_joints
         self.size = 2 * self._n + family.size
         # limits are checked at these times
-        self._count = int(np.ceil(family.duration / STEP)) + 1
-        dense = family.basis(np.linspace(0.0, family.duration, self._count))
-        self._rows = np.concatenate(dense)
+        count = int(np.ceil(family.duration / STEP)) + 1
+        self._rows = np.stack(family.basis(np.linspace(0.0, family.duration, count)))
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """A random x, shape (d,)."""
@@ -467,14 +439,13 @@ class Parametrisation:
 
     def reference(self, x: np.ndarray) -> ReferenceMotion:
         """The trajectory."""
-        found = self._decode(x)
-        return self.family.reference(found.centre, found.coefficients)
+        return self.family.reference(*self._decode(x))
 
     def motion(self, x: np.ndarray, t: np.ndarray, basis: Basis) -> Motion:
         """The motion at times t [s], shape (N,), at which ``basis`` was taken."""
-        found = self._decode(x)
-        q, dq, ddq = (rows @ found.coefficients for rows in basis)
-        return Motion(t, found.centre + q, dq, ddq)
+        centre, coefficients = self._decode(x)
+        q, dq, ddq = (rows @ coefficients for rows in basis)
+        return Motion(t, centre + q, dq, ddq)
 
     def pullback(
         self,
@@ -484,63 +455,37 @@ class Parametrisation:
     ) -> np.ndarray:
         """Gradient by x, shape (d,), from those by q, dq and ddq at the samples of a basis, each (N, n).
 
-        If several samples use the same limit equally, it is the gradient for one of them.
+        By central differences of centre and coefficients.
         """
-        n, decoded = self._n, self._decode(x)
-        # by the coefficients share * gain * raw
-        by_coefficients = np.zeros_like(decoded.raw)
-        for rows, gradient in zip(basis, gradients, strict=True):
-            by_coefficients += rows.T @ gradient
-        along = (decoded.raw * by_coefficients).sum(axis=0)
-        # the gain is RESERVE over the use of the limit that is used most
-        by_use = -(decoded.gain**2) / RESERVE * decoded.share * along
-        # a limit of position is nearer if the centre is
-        at_position = decoded.active < self._count
-        by_room = decoded.sign * RESERVE / decoded.gain / decoded.limit
-        use_by_centre = np.where(at_position, by_room, 0.0)
-        active_rows = self._rows[decoded.active].T
-        by_raw = (
-            decoded.share * decoded.gain * by_coefficients
-            + by_use * decoded.sign / decoded.limit * active_rows
-        )
-        by_centre = gradients[0].sum(axis=0) + by_use * use_by_centre
-        half = (self.limits.upper - self.limits.lower) / 2
-        by_share = decoded.gain * along
-        by_uniform = np.concatenate([by_centre * 2 * ROOM * half, by_share])
-        # centre and share are uniform: the normal distribution of x
-        density = np.exp(-(x[: 2 * n] ** 2) / 2) / np.sqrt(2 * np.pi)
-        by_coefficient_numbers = self.family.pullback(x[2 * n :], by_raw)
-        return np.concatenate([by_uniform * density, by_coefficient_numbers])
+        by_centre = gradients[0].sum(axis=0)
+        pairs = zip(basis, gradients, strict=True)
+        by_coefficients = sum(rows.T @ gradient for rows, gradient in pairs)
 
-    def _decode(self, x: np.ndarray) -> _Decoded:
+        def along(x: np.ndarray) -> np.ndarray:
+            centre, coefficients = self._decode(x)
+            return by_centre * centre + (by_coefficients * coefficients).sum(axis=0)
+
+        # a number moves its own joint alone: those of all joints are moved at once, by so little that no other limit
+        # comes to be the one that is used most
+        steps = np.repeat(ROUNDING * np.eye(self.size // self._n), self._n, axis=1)
+        changes = [along(x + step) - along(x - step) for step in steps]
+        return np.concatenate(changes) / (2 * ROUNDING)
+
+    def _decode(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Centre, (n,), and C, (m, n), in rad."""
         n, limits = self._n, self.limits
         lower, upper = limits.lower, limits.upper
         away = 2 * ndtr(x[:n]) - 1
         centre = (lower + upper) / 2 + ROOM * away * (upper - lower) / 2
         raw = self.family.coefficients(x[2 * n :])
         # position, velocity and acceleration, each at all times: (3, times, n)
-        series = (self._rows @ raw).reshape(3, self._count, n)
+        series = self._rows @ raw
         above = np.stack([upper - centre, limits.velocity, limits.acceleration])
         below = np.stack([centre - lower, limits.velocity, limits.acceleration])
-        limit = np.concatenate([above, below])
-        uses = np.concatenate([series.max(axis=1), -series.min(axis=1)]) / limit
-        # rows 0 to 2 are the upper limits of the three, 3 to 5 the lower ones
-        most_used = uses.argmax(axis=0)
-        joints = np.arange(n)
-        kind, is_upper = most_used % len(above), most_used < len(above)
-        highest, lowest = series.argmax(axis=1), series.argmin(axis=1)
-        time = np.where(is_upper, highest[kind, joints], lowest[kind, joints])
+        uses = np.maximum(series.max(axis=1) / above, -series.min(axis=1) / below)
         # a joint that does not move uses no limit
-        use = np.maximum(uses[most_used, joints], TINY)
-        return _Decoded(
-            centre=centre,
-            share=ndtr(x[n : 2 * n]),
-            raw=raw,
-            gain=RESERVE / use,
-            active=kind * self._count + time,
-            sign=np.where(is_upper, 1.0, -1.0),
-            limit=limit[most_used, joints],
-        )
+        gain = RESERVE / np.maximum(uses.max(axis=0), TINY)
+        return centre, ndtr(x[n : 2 * n]) * gain * raw
 
 
 # How well a trajectory excites: functions of the eigenvalues of the information matrix W^T W.
@@ -906,7 +851,7 @@ class TrajectorySearch:
         return self._note(x, self._value(motion, matrix), breaches)
 
     def score_and_gradient(self, x: np.ndarray) -> tuple[float, np.ndarray]:
-        """Score of a candidate and its gradient, shape (d,), exact but for distances, by central differences."""
+        """Score of a candidate and its gradient, shape (d,), with that by the motion exact but for distances."""
         self.evaluations += GRADIENT_COST
         motion, matrix, breaches, worst = self._judged(x)
         weight = PENALTY * np.minimum(breaches / TOLERATED, 1.0)
@@ -1006,7 +951,7 @@ def random_starts(
     return np.array(candidates)[best]
 
 
-# Gradient refinement: quasi-Newton steps with analytic derivatives.
+# Gradient refinement: quasi-Newton steps.
 
 
 class _SpentError(Exception):

@@ -1,4 +1,4 @@
-"""Physical parameters from base parameters: pseudo-inertias and the nearest arm that can exist."""
+"""Physical parameters from base parameters: the nearest arm that can exist, and its file."""
 
 from __future__ import annotations
 
@@ -10,120 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gapscope.arm.dynamics.inertials import (
+    BASIS,
+    principal_moments,
+    pseudo_inertia,
+)
 from gapscope.arm.dynamics.plain_urdf import exact_urdf, moving_links, set_limit
-from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
 from gapscope.ident.model.base_parameters import BaseParameters
-
-# Pseudo-inertia: ten inertial parameters as a 4 x 4 matrix that is positive definite exactly for a real body.
-#
-# J = [[Sigma, h], [h^T, m]] with Sigma = int r r^T dm = tr(I) / 2 * 1 - I [kg m^2], h = m c [kg m] and the mass m [kg],
-# all in the frame of the joint that moves the link; parameters in the order of
-# ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
-
-
-_ROW, _COLUMN = np.triu_indices(4, 1)
-"""Entries of U of the last six log-Cholesky coordinates."""
-_AXIS = np.arange(_COLUMN.max())
-"""Entries of U on its diagonal, of d1, d2 and d3."""
-
-
-def _basis() -> np.ndarray:
-    """B of shape (10, 4, 4) with J = sum_k pi_k B_k."""
-    basis = np.zeros((10, 4, 4))
-    for matrix, name in zip(basis, INERTIAL_PARAMETERS, strict=True):
-        axes = ["xyz".index(axis) for axis in name[1:]]
-        # of m and m c the axes that are missing are the last of (r, 1) (r, 1)^T
-        i, j = (*axes, 3, 3)[:2]
-        matrix[i, j] = matrix[j, i] = 1.0
-        if name[0] == "I":
-            # second moments from inertia: Sigma = tr(I) / 2 - I
-            matrix[:3, :3] = np.trace(matrix) / 2 * np.eye(3) - matrix[:3, :3]
-    return basis
-
-
-BASIS = _basis()
-"""B, shape (10, 4, 4): J = sum_k pi_k B_k."""
-_FLAT = BASIS.reshape(len(BASIS), -1)
-_DUAL = np.linalg.solve(_FLAT @ _FLAT.T, _FLAT).reshape(BASIS.shape)
-
-
-def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:
-    """J of inertial parameters, shape (..., 10) to (..., 4, 4). Source: wensing2018."""
-    return np.einsum("...k,kab->...ab", parameters, BASIS)
-
-
-def inertial_parameters(matrix: np.ndarray) -> np.ndarray:
-    """Inertial parameters of J, shape (..., 4, 4) to (..., 10)."""
-    return np.einsum("...ab,kab->...k", matrix, _DUAL)
-
-
-def principal_moments(parameters: np.ndarray) -> np.ndarray:
-    """Moments about the centre of mass [kg m^2], ascending, shape (..., 10) to (..., 3); NaN for a mass of 0."""
-    matrix = pseudo_inertia(parameters)
-    moment, mass = matrix[..., :3, 3], matrix[..., 3, 3]
-    mass = np.where(mass != 0, mass, np.nan)[..., None]
-    outer = moment[..., :, None] * (moment / mass)[..., None, :]
-    # principal second moments descend as moments of inertia tr(Sigma) - Sigma ascend
-    second = np.full(moment.shape, np.nan)
-    known = np.isfinite(mass[..., 0])
-    second[known] = np.linalg.eigvalsh((matrix[..., :3, :3] - outer)[known])
-    return second.sum(axis=-1, keepdims=True) - second[..., ::-1]
-
-
-def from_log_cholesky(theta: np.ndarray) -> np.ndarray:
-    """Inertial parameters of log-Cholesky coordinates, shape (..., 10) to (..., 10); always consistent.
-
-    J = U U^T, U = e^a [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]] with theta = (a, d1,
-    d2, d3, s12, s13, t1, s23, t2, t3). Source: rucker2022.
-    """
-    upper = _upper(np.asarray(theta, dtype=float))
-    return inertial_parameters(upper @ np.swapaxes(upper, -1, -2))
-
-
-def to_log_cholesky(parameters: np.ndarray) -> np.ndarray:
-    """Log-Cholesky coordinates of consistent parameters, shape (..., 10) to (..., 10).
-
-    Raises:
-        numpy.linalg.LinAlgError: the pseudo-inertia is not positive definite.
-    """
-    # an upper factor is the lower factor of the matrix with rows and columns reversed
-    flipped = pseudo_inertia(np.asarray(parameters, dtype=float))[..., ::-1, ::-1]
-    upper = np.linalg.cholesky(flipped)[..., ::-1, ::-1]
-    size = upper[..., 3, 3]
-    unit = upper / size[..., None, None]
-    theta = np.empty((*size.shape, 10))
-    theta[..., 0] = np.log(size)
-    theta[..., 1:4] = np.log(unit[..., _AXIS, _AXIS])
-    theta[..., 4:] = unit[..., _ROW, _COLUMN]
-    return theta
-
-
-def log_cholesky_jacobian(theta: np.ndarray) -> np.ndarray:
-    """Derivative d pi / d theta, shape (..., 10) to (..., 10, 10), rows pi."""
-    theta = np.asarray(theta, dtype=float)
-    upper, size = _upper(theta), np.exp(theta[..., 0])
-    # derivatives of U by each coordinate
-    change = np.zeros((*theta.shape, 4, 4))
-    change[..., 0, :, :] = upper
-    change[..., 1 + _AXIS, _AXIS, _AXIS] = upper[..., _AXIS, _AXIS]
-    change[..., 4 + np.arange(len(_ROW)), _ROW, _COLUMN] = size[..., None]
-    # d(U U^T) = dU U^T and its transpose
-    half = change @ np.swapaxes(upper, -1, -2)[..., None, :, :]
-    rows = inertial_parameters(half + np.swapaxes(half, -1, -2))
-    return np.swapaxes(rows, -1, -2)
-
-
-def _upper(theta: np.ndarray) -> np.ndarray:
-    """U, shape (..., 4, 4)."""
-    upper = np.zeros((*theta.shape[:-1], 4, 4))
-    upper[..., _AXIS, _AXIS] = np.exp(theta[..., 1:4])
-    upper[..., _ROW, _COLUMN] = theta[..., 4:]
-    upper[..., 3, 3] = 1.0
-    size = np.exp(theta[..., 0])
-    return upper * size[..., None, None]
-
 
 # Physical parameters from base parameters: consistent bodies near the nominal arm that give the estimated torque.
 

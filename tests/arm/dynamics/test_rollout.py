@@ -1,4 +1,4 @@
-"""The closed loop rolled out by pinocchio: closed-form motions, and sensitivities against finite differences."""
+"""The closed loop rolled out by pinocchio: closed-form motions, and several at once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cases import sines
 
 from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.rollout import ClosedLoop, Commands, ticks_per_step
+from gapscope.arm.dynamics.rollout import ClosedLoop, Commands
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
@@ -59,9 +59,11 @@ def hold(duration, q):
 def test_a_rod_without_friction_keeps_its_energy(rod):
     loop = ClosedLoop(RigidBody(rod), pd(1))
     out = roll_out(loop, plant_of(rod), hold(5.0, [0.3]))
-    energy = 0.5 * INERTIA * out.speed[:, 0] ** 2 - WEIGHT * np.sin(out.q[:, 0])
+    speed = np.gradient(out.q[:, 0], out.t)
+    energy = 0.5 * INERTIA * speed**2 - WEIGHT * np.sin(out.q[:, 0])
     assert np.ptp(out.q) > 1.5
-    assert np.ptp(energy) < 1e-3 * WEIGHT
+    # differences at the ends are one-sided
+    assert np.ptp(energy[1:-1]) < 1e-3 * WEIGHT
 
 
 SLOWED = {
@@ -80,7 +82,8 @@ def test_friction_slows_a_rod_down_and_holds_it(floating, name):
     out = roll_out(loop, plant, hold(1.0, [0.0]), start)
     # the dry law bends where it comes to rest
     apart = np.abs(out.t - 0.5) > 0.05
-    assert out.speed[apart, 0] == pytest.approx(speed(out.t[apart]), abs=2e-3)
+    found = np.gradient(out.q[:, 0], out.t)
+    assert found[apart] == pytest.approx(speed(out.t[apart]), abs=2e-3)
 
 
 @pytest.fixture
@@ -101,24 +104,34 @@ def data_arm():
 SOFT = {"velocity_cutoff": 80.0}
 
 
-def test_several_roll_outs_at_once_are_those_one_by_one(data_arm, motion):
+def test_roll_outs_of_several_arms_at_once_are_those_one_by_one(data_arm, motion):
     loop = ClosedLoop(RigidBody(data_arm), pd(7, 500, 50, **SOFT), np.full(7, 60.0))
-    plant = plant_of(data_arm, 0.3, 2.0, 1.0, 0.2)
+    plants = plant_of(data_arm, 0.3, 2.0, 1.0, 0.2) * [[1.0], [1.1]]
     short = Commands(
         motion.t[:700] + 3.0, *(x[-700:] for x in (motion.q, motion.dq, motion.torque))
     )
-    together = loop.roll_outs(plant, [motion, short])
-    directions = np.random.default_rng(2).standard_normal((98, 2))
-    along = loop.sensitivities(plant, together, directions)
-    for commands, both, derivatives in zip(
-        (motion, short), together, along, strict=True
-    ):
+    together = loop.roll_outs(plants, [motion, short])
+    for plant, commands, both in zip(plants, (motion, short), together, strict=True):
         alone = roll_out(loop, plant, commands)
-        for name in ("t", "q", "dq", "tau", "speed"):
+        for name in ("t", "q", "dq", "tau"):
             assert getattr(both, name) == pytest.approx(getattr(alone, name), abs=1e-9)
-        (own,) = loop.sensitivities(plant, [alone], directions)
-        for found, expected in zip(derivatives, own, strict=True):
-            assert found == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+
+
+def test_joints_in_another_order_move_alike(data_arm, motion):
+    way = np.array([3, 0, 6, 1, 5, 2, 4])
+    other = NominalArm("other", data_arm.urdf, tuple(np.array(data_arm.joints)[way]))
+    swapped = Commands(
+        motion.t, motion.q[:, way], motion.dq[:, way], motion.torque[:, way]
+    )
+    laws = np.arange(1.0, 8.0) * [[0.1], [1.0], [0.5], [0.2]]
+    out = []
+    for arm, commands, own in (
+        (data_arm, motion, laws),
+        (other, swapped, laws[:, way]),
+    ):
+        loop = ClosedLoop(RigidBody(arm), pd(7, 500, 50, **SOFT))
+        out.append(roll_out(loop, 1.1 * plant_of(arm, *own), commands))
+    assert out[1].tau == pytest.approx(out[0].tau[:, way], abs=1e-6)
 
 
 def test_the_roll_out_that_runs_away_is_named_by_its_time(floating):
@@ -129,56 +142,6 @@ def test_the_roll_out_that_runs_away_is_named_by_its_time(floating):
     message = r"(?s)diverged at joint 1, at t = 10\d.*gains"
     with pytest.raises(GapscopeError, match=message):
         loop.roll_outs(plant_of(floating), commands, starts)
-
-
-def assert_slopes(loop, commands, vector, ways, near, step=1e-4):
-    """Along each way the derivatives of position and torque are near finite differences."""
-    every = ticks_per_step(loop.controller)
-
-    def rolled(change):
-        return roll_out(loop, vector + change, commands)
-
-    ((q, tau),) = loop.sensitivities(vector, [rolled(0.0)], ways)
-    for k, way in enumerate(ways.T):
-        up, down = rolled(step * way), rolled(-step * way)
-        for along, high, low in ((q, up.q, down.q), (tau, up.tau, down.tau)):
-            assert near(along[..., k], (high - low)[::every] / (2 * step))
-
-
-@pytest.mark.nightly
-def test_close_ticks_share_a_step_of_the_sensitivity(rod):
-    """At 4 kHz a derivative is taken every fourth tick, and is off by less than a fiftieth (RMS)."""
-    t = np.arange(8001) / 4000
-    q = 0.5 * np.sin(3 * t)[:, None]
-    commands = Commands(t, q, 1.5 * np.cos(3 * t)[:, None], np.zeros_like(q))
-    controller = PD(rate=4000.0, kp=np.full(1, 200.0), kd=np.full(1, 20.0), **SOFT)
-    body = RigidBody(rod)
-    vector = np.r_[body.inertial_parameters(), 0.3, 2.0, 0.5, 0.1]
-    ways = np.eye(14)[:, [0, 10, 11, 12]]
-    assert ticks_per_step(controller) == 4
-    assert_slopes(
-        *(ClosedLoop(body, controller), commands, vector, ways),
-        lambda x, numeric: np.std(x - numeric) <= 0.02 * np.std(numeric),
-    )
-
-
-@pytest.mark.parametrize("swapped", [False, True])
-def test_sensitivities_are_those_of_finite_differences(data_arm, motion, swapped):
-    if swapped:
-        way = np.array([3, 0, 6, 1, 5, 2, 4])
-        joints = tuple(np.array(data_arm.joints)[way])
-        data_arm = NominalArm("other", data_arm.urdf, joints)
-        motion = Commands(motion.t, motion.q[:, way], motion.dq[:, way], motion.torque)
-    body, rng = RigidBody(data_arm), np.random.default_rng(1)
-    friction = np.repeat([0.3, 2.0, 1.0, 0.2], 7)
-    vector = np.r_[body.inertial_parameters(), friction]
-    size = 0.1 * np.maximum(np.abs(vector), 0.01)
-    ways = rng.standard_normal((98, 2)) * size[:, None]
-    loop = ClosedLoop(body, pd(7, 500, 50, **SOFT), np.full(7, 60.0))
-    assert_slopes(
-        *(loop, motion, vector, ways),
-        lambda x, numeric: np.abs(x - numeric).max() < 1e-4 * np.abs(numeric).max(),
-    )
 
 
 # Derivatives of the inverse dynamics against finite differences, for bodies as least squares may return them.

@@ -128,18 +128,6 @@ def test_encoder_noise_that_biases_least_squares_does_not_bias_them(
     assert np.mean(np.abs(estimate.value - world[3]) < 3 * estimate.deviation) > 0.85
 
 
-def test_tangents_are_derivatives_of_the_simulated_recordings(clean, world):
-    beta, step = world[3], 1e-5
-    tangents = clean.tangents(beta)
-    for k in (0, len(beta) - 1):
-        way = step * np.eye(len(beta))[k]
-        up, down = clean.simulate(beta + way), clean.simulate(beta - way)
-        for (_, q, tau), high, low in zip(tangents, up, down, strict=True):
-            for along, name in ((q, "q"), (tau, "tau")):
-                slope = (getattr(high, name) - getattr(low, name)) / (2 * step)
-                assert np.abs(along[..., k] - slope).max() < 1e-3 * np.abs(slope).max()
-
-
 REFUSED = {
     "no reference": {"q_ref": None, "dq_ref": None},
     "known payload": {"payload": KnownLoad(1.0, (0.0, 0.0, 0.1))},

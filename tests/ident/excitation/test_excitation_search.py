@@ -168,7 +168,7 @@ def test_budgets_and_way_points_that_make_no_sense_are_refused(what: str) -> Non
         made()
 
 
-# Every candidate keeps its limits, rests at both ends, and the exact gradients are those of finite differences.
+# Every candidate keeps its limits.
 
 
 DURATION = 10.0

@@ -32,8 +32,6 @@ from gapscope.ident.model.base_parameters import (
 from gapscope.ident.model.physical_parameters import (
     check_links,
     consistent,
-    from_log_cholesky,
-    log_cholesky_jacobian,
 )
 from gapscope.ident.model.regressor import Regressor
 
@@ -243,11 +241,3 @@ def test_matrices_lead_both_ways(tmp_path: Path) -> None:
         (matrix @ (found["orthonormal"] @ gamma), matrix @ pi),
     ):
         np.testing.assert_allclose(value, expected, atol=1e-6)
-
-
-def test_jacobian_of_log_cholesky_by_differences() -> None:
-    theta, h = np.random.default_rng(1).standard_normal((4, 10)), 1e-6
-    ends = ([from_log_cholesky(theta + s * x) for x in h * np.eye(10)] for s in (1, -1))
-    ahead, behind = (np.stack(end, axis=-1) for end in ends)
-    found = log_cholesky_jacobian(theta)
-    assert np.allclose(found, (ahead - behind) / (2 * h), rtol=1e-6, atol=1e-6)
