@@ -552,59 +552,44 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
     a joint.
     """
     start = FreeArm.nominal(arm)
-    n, terms = arm.n_joints, Terms(arm.n_joints, {}, arm.coupled_motors)
     # every arm has them on each joint, of a size that only the data say
     free = [
         e
-        for e in terms.definitions
+        for e in Terms(arm.n_joints, {}, arm.coupled_motors).definitions
         if (e.reach == "joint" and not e.fitted.nonlinear)
         and (np.isinf(e.fitted.usual) or e.fitted.data_sheet is not None)
     ]
-    names = {e.name for e in free}
-    places = np.concatenate([terms.block(e.name).ravel() for e in free])
-    # other groups say nothing of the arm, whatever they have
+    made, given = design(rows, start, {}, only={e.name for e in free}), rows.trust
+    dry = [made.terms.block(e.name)[0] for e in free if isinstance(e, DryLaw)]
+    prior = np.where(untaken(made), 0.0, made.prior)
+    # other groups say nothing of the arm, whatever they have, nor of how much torque is wide
     told = np.isin(rows.group, list(groups))
-    matrices, gaps = [], []
-    for k, segment in enumerate(rows.segments):
-        mine = told[rows.segment == k]
-        if not mine.any():
-            continue
-        bodies = Bodies(start.body, segment)
-        regressor, at = bodies.regressor(), start.point(bodies, terms)
-        own = columns(at, rows, names)[:, :, places]
-        matrix = np.concatenate([rows.thin(regressor, segment), own], axis=2)
-        gap = rows.thin(segment.bridged(segment.recorded_torque - at.torque), segment)
-        matrices.append(matrix[mine])
-        gaps.append(gap[mine])
-    x = np.concatenate(matrices) / rows.scale[:, None]
-    y = np.concatenate(gaps) / rows.scale
-    # deviation of the prior: ridge regression is I in its unit
-    unit = WIDE / np.maximum(_largest(x), MIN_TORQUE)
-    unit[: 10 * n] = BODIES * inertial_scale(start.body)
-    # a constant torque is the offset of its joint
-    constant = [(e.name, e.fitted.constant) for e in free]
-    same = [terms.block(name)[k] for name, k in constant if k is not None]
-    unit[10 * n + np.flatnonzero(np.isin(places, same))] = 0.0
-    x = x * unit
-    left = np.full(n, PRECISE)
-    dry = [terms.block(e.name)[0] for e in free if isinstance(e, DryLaw)]
+    size = np.zeros(made.size)
+    for x, active in zip(made.columns, made.active, strict=True):
+        own = np.sqrt((x[told] ** 2).mean(axis=0))
+        size[active] = np.maximum(size[active], own)
+    of_terms = slice(10 * arm.n_joints, None)
+    prior[of_terms] /= np.maximum(size[of_terms], MIN_TORQUE)
+    left = np.full(arm.n_joints, PRECISE)
     for _ in range(ROUNDS):
-        trust = rows.trust[told]
         # joints weigh by what is left of them, so the fit is repeated
-        weighted = (x * (trust / left)[:, :, None]).reshape(-1, x.shape[2])
-        normal = weighted.T @ weighted + np.eye(x.shape[2])
-        value = np.linalg.solve(normal, weighted.T @ (y * trust / left).ravel())
-        missed2 = ((y - x @ value) * trust) ** 2
-        rms = np.sqrt(missed2.sum(axis=0) / (trust**2).sum(axis=0))
+        trust = rows.trust[told]
+        weight = trust / given[told]
+        normal, right = np.eye(made.size), np.zeros(made.size)
+        for j, (x, active) in enumerate(zip(made.columns, made.active, strict=True)):
+            mine = prior[active] > 0
+            places, by = active[mine], weight[:, j, None] / left[j]
+            scaled = x[np.ix_(told, mine)] * prior[places] * by
+            normal[np.ix_(places, places)] += scaled.T @ scaled
+            right[places] += scaled.T @ (made.gap[told, j] * by[:, 0])
+        value = prior * np.linalg.solve(normal, right)
+        missed = (made.gap - made.shared_torque(value))[told] * weight
+        rms = np.sqrt((missed**2).sum(axis=0) / (trust**2).sum(axis=0))
         left = np.maximum(rms, PRECISE)
-        value *= unit
-        theta = start.theta.copy()
-        theta[places] += value[10 * n :]
+        found = moved(start, made, value)
         # where its friction may hold it rows count less in the next round
-        rows.held(np.abs(theta[dry]).sum(axis=0), left, arm.per_radian)
-    return replace(
-        start, increments=value[: 10 * n].reshape(n, 10), theta=terms.clipped(theta)
-    )
+        rows.held(np.abs(found.theta[dry]).sum(axis=0), left, arm.per_radian)
+    return replace(found, taken=None)
 
 
 def possible(arm: FreeArm, made: Design, value: np.ndarray) -> np.ndarray:

@@ -48,35 +48,12 @@ class Bodies:
 
     def __init__(self, nominal: RigidBody, segment: Segment) -> None:
         self.body, self.segment = segment.bodies(nominal), segment
-        self._kept: tuple[np.ndarray, np.ndarray] | None = None
         self._play: dict[float, np.ndarray] = {}
 
     def regressor(self) -> np.ndarray:
-        """Inertial regressor of the motion, (N, n, 10 n): of it only what columns need is kept."""
-        motion, last = self.segment.motion, 10 * self.body.last_link
-        regressor = self.body.regressor(motion.q, motion.dq, motion.ddq)
-        torque = regressor @ self.body.inertial_parameters()
-        # the whole is n times as large: the last link's part alone is asked for again
-        self._kept = torque, regressor[:, :, last : last + 10].copy()
-        return regressor
-
-    @property
-    def _both(self) -> tuple[np.ndarray, np.ndarray]:
-        """Torque of the bodies, (N, n), and regressor of the last link, (N, n, 10)."""
-        if self._kept is None:
-            self.regressor()
-        assert self._kept is not None
-        return self._kept
-
-    @property
-    def last(self) -> np.ndarray:
-        """Regressor of the last link, shape (N, n, 10)."""
-        return self._both[1]
-
-    @cached_property
-    def gravity(self) -> np.ndarray:
-        """G with g(q) = G g, shape (N, n, 3); kg m."""
-        return self.body.gravity_regressor(self.segment.motion.q)
+        """Inertial regressor of the motion, (N, n, 10 n)."""
+        motion = self.segment.motion
+        return self.body.regressor(motion.q, motion.dq, motion.ddq)
 
     @cached_property
     def force(self) -> np.ndarray:
@@ -87,8 +64,8 @@ class Bodies:
         """Torque per radian from free play [rad] on each joint, shape (N, n, n)."""
         if width not in self._play:
             widths, motion = width * self.body.per_radian, self.segment.motion
-            columns = play_columns(self.body, motion, self._both[0], widths)
-            self._play[width] = columns
+            torque = self.body.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+            self._play[width] = play_columns(self.body, motion, torque, widths)
         return self._play[width]
 
 
@@ -148,11 +125,6 @@ class LinearisationPoint:
         return self.arm.true_position(self.motion.q)
 
     @cached_property
-    def _moved(self) -> bool:
-        """Whether the true positions are not the recorded ones."""
-        return bool((self.q != self.motion.q).any())
-
-    @cached_property
     def _changed(self) -> RigidBody:
         """The bodies with the effects of theta."""
         return self.arm.body(self.bodies.body)
@@ -165,11 +137,7 @@ class LinearisationPoint:
     @cached_property
     def gravity_regressor(self) -> np.ndarray:
         """G with G g the torque of gravity, (N, n, 3) [kg m]."""
-        changed = self.arm.inertial_increments(self.bodies.body).any()
-        if changed or self._moved:
-            return self._changed.gravity_regressor(self.q)
-        # of the nominal arm: once, whatever is moved
-        return self.bodies.gravity
+        return self._changed.gravity_regressor(self.q)
 
     @property
     def unit_force(self) -> np.ndarray:
@@ -179,10 +147,6 @@ class LinearisationPoint:
 
     def link_regressor(self, link: int) -> np.ndarray:
         """The bodies' torque by the inertial parameters of a link, (N, n, 10)."""
-        # it depends on gravity's direction and on the true positions
-        as_nominal = np.array_equal(self.arm.base_rotation(), np.eye(3))
-        if link == self.last_link and as_nominal and not self._moved:
-            return self.bodies.last
         motion = self.motion
         return self._changed.link_regressor(link, self.q, motion.dq, motion.ddq)
 

@@ -346,11 +346,12 @@ class RigidBody:
         """The ten columns of the regressor that belong to a link, from 0 in joint order, shape (N, n, 10)."""
         own = slice(10 * link, 10 * link + 10)
 
-        def columns(*motion: np.ndarray) -> tuple[np.ndarray]:
-            return (self.regressor(*motion)[:, :, own].copy(),)
+        def columns() -> tuple[np.ndarray]:
+            return (self.regressor(q, dq, ddq)[:, :, own].copy(),)
 
-        # remembered link by link: the whole regressor of a long motion would not fit
-        return self._cached(f"link {link}", columns, q, dq, ddq)[0]
+        # remembered link by link: the whole regressor of a long motion would not fit; whatever links weigh, it is this
+        arguments = (q, dq, ddq, self.gravity)
+        return self._cache.get(f"link {link}", arguments, columns)[0]
 
     def inertial_parameters(self) -> np.ndarray:
         """Inertial parameters pi of the links in joint order, shape (10 n,); units kg, kg m, kg m^2."""
