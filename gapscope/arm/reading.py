@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,38 +56,16 @@ class Columns:
         return cls(tuple(range(n)), (1.0,) * n, (0.0,) * n)
 
     @classmethod
-    def from_mend(
-        cls, section: Mapping[str, Any], key: str, n: int, file: Path | None
-    ) -> Columns:
-        """From an entry of ``mend:``.
-
-        Raises:
-            InputError: a list has not one value per joint, or columns are no order of the joints.
-        """
-        entry = section.get(key, {})
+    def from_mend(cls, entry: Mapping[str, Any], n: int) -> Columns:
+        """From an entry of ``mend:``."""
 
         def per_joint(name: str, default: float | range) -> np.ndarray:
-            values = np.array(entry.get(name, default), dtype=float)
             # a list has one value for each joint, a number stands for all
-            if values.ndim and values.shape != (n,):
-                raise InputError(
-                    f"expected {n} entries, one per joint, got {values.size}",
-                    file=file,
-                    where=f"field import.mend.{key}.{name}",
-                )
-            return np.broadcast_to(values, (n,))
+            return np.full(n, entry.get(name, default), dtype=float)
 
         # numbers count from 1 in a case and from 0 here
         source = per_joint("columns", range(1, n + 1)).astype(int) - 1
-        if sorted(source) != list(range(n)):
-            raise InputError(
-                f"expected each of the numbers 1 to {n} once, got {entry['columns']}",
-                "give for each joint the number of the joint whose column holds it",
-                file=file,
-                where=f"field import.mend.{key}.columns",
-            )
-        factor, offset = per_joint("scale", 1.0), per_joint("offset", 0.0)
-        return cls.of(source, factor, offset)
+        return cls.of(source, per_joint("scale", 1.0), per_joint("offset", 0.0))
 
     @classmethod
     def of(cls, *parts: np.ndarray) -> Columns:
@@ -271,15 +248,9 @@ class Reading:
     # --- as the mend: part of an import section
 
     @classmethod
-    def from_mend(
-        cls, section: Mapping[str, Any], n: int, file: Path | None = None
-    ) -> Reading:
-        """From the ``mend:`` part of an import section that has passed the case schema.
-
-        Raises:
-            InputError: a list has not one value per joint, or columns are no order of the joints.
-        """
-        columns = {key: Columns.from_mend(section, key, n, file) for key in PARTS}
+    def from_mend(cls, section: Mapping[str, Any], n: int) -> Reading:
+        """From the ``mend:`` part of an import section that has passed the case schema, for n joints."""
+        columns = {key: Columns.from_mend(section.get(key, {}), n) for key in PARTS}
         numbers = {
             name: float(section[key][entry])
             for (key, entry), name in IN_MEND.items()

@@ -105,9 +105,7 @@ def write_mended_case(
         content["controller"] = {**content["controller"], **gains}
     section = dict(content.pop("import", None) or {})
     # what the file mends already comes first, then what was found
-    before = Reading.from_mend(
-        section.pop("mend", None) or {}, case.arm.n_joints, source
-    )
+    before = Reading.from_mend(section.pop("mend", None) or {}, case.arm.n_joints)
     # null: the channel is not read
     section |= {name: None for name in UNREAD if reason(name)}
     text = filled(

@@ -218,7 +218,7 @@ FILES = {
         {"files": {"case": "sick/case.yaml", "effects": "x.yaml"}} | file.json; yaw, pitch
     """,
     f"{RECORD} --controller {{file}}": f"""
-        {{rate: 500, kp: [9, 9], kd: [1, 1]}} | file.yaml, field kp: expected 7 numbers, one per joint, got 2
+        {{rate: 500, kp: [9, 9], kd: [1, 1]}} | file.yaml, field kp: expected 7 entries, one per joint, got 2
         {{rate: 500, kp: [9, 9, 9, 9, 9, 9, 9], kd: [.nan, 1, 1, 1, 1, 1, 1]}} | field kd[1]: expected a number
         {{rate: 500, kb: 1, {SEVEN}}} | unknown key 'kb'
         {{rate: 500, feedforward: inverse, {SEVEN}}} | feedforward: expected one of none, gravity, nominal

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from gapscope.arm.control import LAWS, ComputedTorque
+from gapscope.arm.control import LAWS
 from gapscope.arm.controller import Controller, Integrator
 from gapscope.arm.errors import LONGEST_SHOWN, InputError
 from gapscope.arm.input_file import is_file, is_folder, read_text, real_path
 from gapscope.arm.io.formats.lerobot import dataset_files, is_dataset
-from gapscope.arm.io.json_file import LARGEST_WHOLE, field, plain, schema_fault
+from gapscope.arm.io.json_file import LARGEST_WHOLE, field, plain, schema, schema_fault
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nearest_name import nearest
 
@@ -50,8 +50,9 @@ _RULES = {
     "maximum": "expected a number of at most {expected}, got {value!r}",
     "exclusiveMinimum": "expected a number above {expected}, got {value!r}",
     "uniqueItems": "has an entry twice: {shown}",
+    "required": "lacks the key {missing!r}",
 }
-"""What is said of a fault, by the rule of the schema."""
+"""What is said of a fault, by the rule of the schema, unless the schema itself has ``fault`` and ``remedy`` for it."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -188,10 +189,16 @@ def _expanded_size(node: yaml.Node, known: dict[int, int]) -> int:
     return known[id(node)]
 
 
-def check(content: Any, path: Path | None, section: str = "", prefix: str = "") -> None:
+def check(
+    content: Any,
+    path: Path | None,
+    section: str = "",
+    prefix: str = "",
+    n_joints: int | None = None,
+) -> None:
     """Compare ``content`` with the case schema, or with what it says about one section of a case.
 
-    ``prefix`` is what fields are named with.
+    ``prefix`` is what fields are named with. Lists of a section have one value per joint if their number is given.
 
     Raises:
         InputError: the first fault, with its field.
@@ -209,10 +216,39 @@ def check(content: Any, path: Path | None, section: str = "", prefix: str = "") 
     for place, number in _not_finite(content):
         if "torque_limit" not in place:
             raise fault(f"expected a number, got {number}", "correct it", place)
-    error = schema_fault(content, "case", section)
+    of_the_arm = _of_joints(n_joints) if n_joints else {}
+    error = schema_fault(content, "case", section, **of_the_arm)
     if error is not None:
         said = error.validator, error.validator_value, error.instance, error.schema
-        raise fault(*_sentence(*said), error.absolute_path)
+        message, remedy = _sentence(*said)
+        place = error.absolute_path
+        raise fault(message, remedy or _meaning(section, *place), place)
+
+
+def _of_joints(n: int) -> dict[str, Any]:
+    """Definitions of the case schema for an arm with n joints."""
+    per_joint = {
+        "minItems": n,
+        "maxItems": n,
+        "fault": f"expected {n} entries, one per joint, got {{count}}",
+    }
+    joint_number = {
+        "maximum": n,
+        "fault": f"expected each of the numbers 1 to {n} once, got {{value}}",
+        "remedy": "give for each joint the number of the joint whose column holds it",
+    }
+    return {"per_joint": per_joint, "joint_number": joint_number}
+
+
+def _meaning(*place: str | int) -> str:
+    """What to give at a place in a case, in the words of the schema; nothing if a definition says it."""
+    form = schema("case")
+    for step in place:
+        # entries of a list are described with it
+        if isinstance(step, str) and step:
+            form = form.get("properties", {}).get(step, {})
+    meaning = form.get("description", "")
+    return meaning and f"give what the key stands for: {meaning}"
 
 
 def _not_finite(
@@ -226,20 +262,20 @@ def _not_finite(
         yield from _not_finite(part, (*place, key))
 
 
-def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, str]:
+def _sentence(rule: str, expected: Any, value: Any, form: Any) -> tuple[str, str]:
     """What is wrong, and what to do."""
     if rule == "additionalProperties":
-        known = list(schema["properties"])
+        known = list(form["properties"])
         # one key at a time: the first that is unknown
         unknown = next(key for key in value if key not in known)
         # the nearest, else all
         remedy = nearest(str(unknown), known) or f"known keys: {', '.join(known)}"
         return f"unknown key {unknown!r}", remedy.strip()
+    listed, shown, missing, remedy = "", repr(value), "", ""
     if rule == "required":
         missing = next(key for key in expected if key not in value)
-        return f"lacks the key {missing!r}", f"add {missing}: to it"
-    listed, shown = "", repr(value)
-    if rule == "enum":
+        remedy = "add {missing}: to it"
+    elif rule == "enum":
         listed = ", ".join(map(str, expected))
     elif rule == "type":
         kinds = [expected] if isinstance(expected, str) else expected
@@ -247,14 +283,17 @@ def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, s
     # of a long value its beginning
     if len(shown) > LONGEST_SHOWN:
         shown = f"{shown[:LONGEST_SHOWN]} ..."
-    said = _RULES.get(rule, "must not be empty, got {shown}").format(
-        expected=expected,
-        value=value,
-        shown=shown,
-        count=len(value) if hasattr(value, "__len__") else 0,
-        listed=listed,
-    )
-    return said, ""
+    words = {
+        "expected": expected,
+        "value": value,
+        "shown": shown,
+        "count": len(value) if hasattr(value, "__len__") else 0,
+        "listed": listed,
+        "missing": missing,
+    }
+    usual = _RULES.get(rule, "must not be empty, got {shown}")
+    said = form.get("fault", usual).format(**words)
+    return said, form.get("remedy", remedy).format(**words)
 
 
 # The ``controller:`` section of a case, in the case file or in a file of its own.
@@ -262,8 +301,6 @@ def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, s
 
 EXAMPLE = "{kind: pd, rate: 1000, kp: [...], kd: [...], feedforward: nominal, velocity_filter: {cutoff: 80}}"
 """What a controller file may hold."""
-COMMON = ("kind", "rate", "feedforward", "velocity_filter")
-"""Keys of the section that every law has; the others are its gains, and ``integrator`` if it has one."""
 
 
 def read_controller(path: Path, n_joints: int) -> Controller:
@@ -287,7 +324,7 @@ def parse_controller(
     section: Mapping[str, Any] | None,
     n_joints: int,
     source: Path,
-    prefix: str = "controller.",
+    prefix: str = "controller",
 ) -> Controller | None:
     """Controller of an arm with n joints from the section, which follows the case format; ``None`` for none.
 
@@ -303,67 +340,16 @@ def parse_controller(
     """
     if section is None:
         return None
-    check(section, source, "controller", prefix.rstrip("."))
+    check(section, source, "controller", prefix, n_joints)
     law = LAWS[section.get("kind", "pd")]
-
-    def fault(problem: str, remedy: str, key: str = "") -> InputError:
-        """The error on a field."""
-        name = f"{prefix}{key}".rstrip(".")
-        where = f"field {name}" if name else ""
-        return InputError(problem, remedy, file=source, where=where)
-
-    def per_joint(key: str, values: list[float], unit: str) -> np.ndarray:
-        """Numbers of a field, one per joint, (n,)."""
-        found = np.array(values, dtype=float)
-        if found.shape != (n_joints,) or not np.isfinite(found).all():
-            got = len(found) if len(found) != n_joints else values
-            raise fault(
-                f"expected {n_joints} numbers, one per joint, got {got}",
-                f"give {key} in {unit}, in the order of the joints",
-                key,
-            )
-        return found
-
-    names = [gain.name for gain in law.gains]
-    for name in names:
-        if name not in section:
-            raise fault(
-                f"lacks the key {name!r}, which {law.kind} needs",
-                f"add {name}: to it, one number per joint",
-            )
-    # a key of another law would be left out without a word
-    for key in section:
-        integrates = key == "integrator" and law.integrates
-        if key not in (*COMMON, *names) and not integrates:
-            raise fault(
-                f"is no key of the law {law.kind}",
-                f"drop it, or give the kind that has it; {law.kind} has {', '.join(names)}",
-                key,
-            )
-    if law is ComputedTorque and section.get("feedforward", "none") != "none":
-        raise fault(
-            "computed torque contains the nominal arm's torque already",
-            "drop feedforward:, or give kind: pd",
-            "feedforward",
-        )
     given: dict[str, Any] = {
-        gain.name: per_joint(gain.name, section[gain.name], gain.unit)
-        for gain in law.gains
+        gain.name: np.array(section[gain.name], dtype=float) for gain in law.gains
     }
     if section.get("integrator"):
-        entry = {"anti_windup": "clamping", **section["integrator"]}
-        tracking_time = entry.get("tracking_time")
-        calculates_back = entry["anti_windup"] == "back_calculation"
-        # one without the other means that somebody mixed two ways
-        if calculates_back != (tracking_time is not None):
-            raise fault(
-                f"anti_windup: {entry['anti_windup']} with tracking_time: {tracking_time}",
-                "give tracking_time in s with anti_windup: back_calculation, and with no other",
-                "integrator.tracking_time",
-            )
-        if entry.get("limit") is not None:
-            entry["limit"] = per_joint("integrator.limit", entry["limit"], "N m")
-        given["integrator"] = Integrator(**entry)
+        bounds = dict(section["integrator"])
+        if "limit" in bounds:
+            bounds["limit"] = np.array(bounds["limit"], dtype=float)
+        given["integrator"] = Integrator(**bounds)
     velocity = section.get("velocity_filter") or {}
     return law(
         rate=float(section["rate"]),

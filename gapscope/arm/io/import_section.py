@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.case_file import check
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.layouts import STEPS_PER_TURN, UNITS, names_of
 from gapscope.arm.nominal import coupled
@@ -138,16 +139,18 @@ class Import:
 
 
 def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Import:
-    """Import section of a case that has passed the case schema.
+    """Import section of a case.
 
     Args:
-        section: the content of ``import:``.
+        section: the content of ``import:``, checked here.
         n_joints: number of joints n.
         source: the case file, for messages.
 
     Raises:
-        InputError: a list has not one value per joint, the transmission cannot be inverted, or keys contradict.
+        InputError: it does not follow the case format, a list has not one value per joint, the transmission cannot be
+            inverted, or keys contradict.
     """
+    check(section, source, "import", "import", n_joints)
     try:
         return Import(**_entries(section, n_joints, source), source=source)
     except InputError as error:
@@ -161,17 +164,17 @@ def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]
     }
     if "signs" in section or "offsets" in section:
         same = Columns.identity(n)
-        signs = _per_joint(section.get("signs", same.factor), n, "signs")
-        offsets = _per_joint(section.get("offsets", same.offset), n, "offsets")
+        signs = map(float, section.get("signs", same.factor))
+        offsets = map(float, section.get("offsets", same.offset))
         # a sign turns motion and torque of a joint alike, an offset its positions alone
-        torque = replace(same, factor=tuple(map(float, signs)))
-        motion = replace(torque, offset=tuple(map(float, offsets)))
+        torque = replace(same, factor=tuple(signs))
+        motion = replace(torque, offset=tuple(offsets))
         turned = {"motion": motion, "torque": torque, "sensor": torque}
         found["turned"] = Reading.identity(n, **turned)
     if "joints" in section:
-        found["joints"] = tuple(map(str, _per_joint(section["joints"], n, "joints")))
+        found["joints"] = tuple(section["joints"])
     if "transmission" in section:
-        found["transmission"] = _transmission(section["transmission"], n)
+        found["transmission"] = _transmission(section["transmission"])
     rows = found["rows"] = {}
     for key, ranges in section.get("rows", {}).items():
         # [first, last], or a list of those
@@ -179,59 +182,28 @@ def _entries(section: Mapping[str, Any], n: int, source: Path) -> dict[str, Any]
         for pair in pairs:
             if not isinstance(pair, list) or len(pair) != 2 or pair[0] > pair[1]:
                 said = f"expected [first, last] or a list of those, got {ranges}"
-                raise _fault(f"rows.{key}", said)
+                raise InputError(said, where=f"field import.rows.{key}")
         rows[key] = tuple((int(first), int(last)) for first, last in pairs)
     episodes = section.get("episodes", {}).items()
     found["episodes"] = {key: tuple(numbers) for key, numbers in episodes}
     if "calibration" in section:
         found["calibration"] = _calibration(source.parent / section["calibration"])
     if "mend" in section:
-        found["mend"] = Reading.from_mend(section["mend"] or {}, n, source)
+        found["mend"] = Reading.from_mend(section["mend"] or {}, n)
     # channels that the section does not name keep the columns of the case format
     channels = {
-        name: _channel(name, section[name], n)
+        name: _channel(name, section[name])
         if name in section
         else Channel(name + "{j}")
         for name in CHANNELS
     }
-    tau = section.get("tau")
-    # the ratio would count twice
-    if isinstance(tau, Mapping) and "gear_ratio" in tau and "transmission" in section:
-        raise _fault(
-            "tau.gear_ratio",
-            "has a gear_ratio beside the transmission, which takes the torque to the joint's side already",
-            "give the ratio in one of them",
-        )
-    if channels["q"] is None:
-        raise _fault("q", "is null, but a recording needs positions")
     time = _time(section.get("time", {"column": "t"}))
     return {**found, "time": time, "channels": channels}
-
-
-def _fault(key: str, problem: str, remedy: str = "") -> InputError:
-    """The error on an entry of the section."""
-    return InputError(problem, remedy, where=f"field import.{key}")
-
-
-def _per_joint(values: Sequence[Any], n_joints: int, key: str) -> Sequence[Any]:
-    """The values of a list if there is one per joint; else raises."""
-    if len(values) != n_joints:
-        raise _fault(
-            key, f"expected {n_joints} entries, one per joint, got {len(values)}"
-        )
-    return values
 
 
 def _time(entry: str | int | Mapping[str, Any]) -> TimeColumn:
     if not isinstance(entry, Mapping):
         return TimeColumn(str(entry))
-    # two ways to say one thing may contradict each other
-    if "rate" in entry and "unit" in entry:
-        raise _fault(
-            "time",
-            "has a unit and a rate",
-            "give the unit of a time, or the rate of a count",
-        )
     file, rate = entry.get("file"), entry.get("rate")
     column = str(entry.get("column", "t"))
     if rate is None:
@@ -244,32 +216,21 @@ def _time(entry: str | int | Mapping[str, Any]) -> TimeColumn:
 # The transmission: q_motor = R q_joint.
 
 
-def _transmission(entry: Mapping[str, Any], n_joints: int) -> np.ndarray:
+def _transmission(entry: Mapping[str, Any]) -> np.ndarray:
     """The matrix R, (n, n), given entry by entry, or by gear ratios and the motors that move with another joint."""
-    has_matrix, has_ratios = "matrix" in entry, "ratios" in entry
-    if has_matrix == has_ratios or (has_matrix and "coupling" in entry):
-        raise _fault(
-            "transmission",
-            "expected either matrix, or ratios with or without coupling",
-        )
-    if has_matrix:
-        rows = entry["matrix"]
-        if [len(row) for row in rows] != [n_joints] * n_joints:
-            raise _fault(
-                "transmission.matrix",
-                f"expected a matrix of {n_joints} by {n_joints} numbers",
-            )
-        matrix = np.array(rows, dtype=float)
+    if "matrix" in entry:
+        matrix = np.array(entry["matrix"], dtype=float)
     else:
-        ratios = _per_joint(entry["ratios"], n_joints, "transmission.ratios")
         # each motor on its own joint with its ratio, then what turns with another joint
-        matrix = np.diag(np.array(ratios, dtype=float))
+        ratios = np.diag(np.array(entry["ratios"], dtype=float))
         where = "field import.transmission.coupling"
-        matrix = coupled(matrix, entry.get("coupling", []), where)
+        matrix = coupled(ratios, entry.get("coupling", []), where)
     # n independent motors move n joints, or some motion is not recorded
-    if np.linalg.matrix_rank(matrix) < n_joints:
-        raise _fault(
-            "transmission", "cannot be inverted", "each motor has to move a joint"
+    if np.linalg.matrix_rank(matrix) < len(matrix):
+        raise InputError(
+            "cannot be inverted",
+            "each motor has to move a joint",
+            where="field import.transmission",
         )
     return matrix
 
@@ -277,7 +238,7 @@ def _transmission(entry: Mapping[str, Any], n_joints: int) -> np.ndarray:
 # One channel: its columns, unit and scale.
 
 
-def _channel(name: str, entry: Any, n_joints: int) -> Channel | None:
+def _channel(name: str, entry: Any) -> Channel | None:
     """A channel by its entry, a pattern, names by joint, or a mapping; ``None`` if it is not to be read."""
     if entry is None:
         return None
@@ -285,38 +246,20 @@ def _channel(name: str, entry: Any, n_joints: int) -> Channel | None:
         entry = {"column": entry}
     column = entry.get("column", name + "{j}")
     if isinstance(column, list):
-        column = tuple(map(str, _per_joint(column, n_joints, f"{name}.column")))
+        column = tuple(map(str, column))
     elif isinstance(column, int):
         column = str(column)
 
-    def number(key: str) -> Any:
-        """A number, or one per joint, (n,); 1 if it is not given."""
-        value = entry.get(key, 1.0)
-        if not isinstance(value, list):
-            return value
-        return np.array(_per_joint(value, n_joints, f"{name}.{key}"), dtype=float)
+    def number(key: str) -> np.ndarray:
+        """A number, (), or one per joint, (n,); 1 if it is not given."""
+        return np.array(entry.get(key, 1.0), dtype=float)
 
-    unit, factor = entry.get("unit", ""), number("scale")
-    if unit in ("A", "mA"):
-        if "motor_constant" not in entry:
-            raise _fault(
-                name,
-                "is a current, and a torque needs the motors' constants",
-                "give motor_constant: [...] in N m/A per joint, and gear_ratio: [...] unless the constants are those "
-                "of the joints' side already",
-            )
-        # without a ratio the constants are those of the joint's side already
-        factor = factor * (number("motor_constant") * number("gear_ratio"))
-    # a constant without a current would be a scale in disguise
-    elif "motor_constant" in entry or "gear_ratio" in entry:
-        raise _fault(
-            name,
-            "has a motor_constant or gear_ratio, but no current",
-            "say unit: A, or use scale: for a column in another unit",
-        )
+    unit = entry.get("unit", "")
+    # of a current; without a ratio its constants are those of the joint's side already
+    torque = number("motor_constant") * number("gear_ratio")
     return Channel(
         column,
-        factor * UNITS.get(unit, 1.0),
+        number("scale") * torque * UNITS.get(unit, 1.0),
         unit=unit,
         named=True,
         placed="column" in entry,

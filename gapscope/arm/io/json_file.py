@@ -61,16 +61,19 @@ def schema(name: str) -> dict[str, Any]:
 
 
 def schema_fault(
-    content: Any, name: str, section: str | None = None
+    content: Any, name: str, section: str | None = None, **definitions: Any
 ) -> ValidationError | None:
-    """What is most wrong with a plain document by its schema, or that of one of its sections; ``None`` if nothing."""
+    """What is most wrong with a plain document by its schema, or that of one of its sections; ``None`` if nothing.
+
+    ``definitions`` take the place of those that the schema has.
+    """
     from jsonschema import Draft202012Validator
     from jsonschema.exceptions import best_match
 
     form = schema(name)
     if section:
         # one section by itself still refers to the definitions of the whole
-        form = {"$defs": form["$defs"], **form["properties"][section]}
+        form = {"$defs": form["$defs"] | definitions, **form["properties"][section]}
     return best_match(Draft202012Validator(form).iter_errors(content))
 
 

@@ -21,7 +21,7 @@ from gapscope.arm.control import (
 )
 from gapscope.arm.controller import ANTI_WINDUP, Controller, Integrator
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.case_file import COMMON, controller_section, parse_controller
+from gapscope.arm.io.case_file import controller_section, parse_controller
 from gapscope.arm.io.json_file import schema
 from gapscope.arm.nominal import NominalArm
 
@@ -108,10 +108,19 @@ def test_a_section_is_read_as_it_was_written(law: Controller) -> None:
 
 
 def test_the_schema_knows_the_laws_and_their_gains() -> None:
-    section = schema("case")["properties"]["controller"]["properties"]
+    controller = schema("case")["properties"]["controller"]
+    section, rules = controller["properties"], controller["allOf"]
     gains = {gain.name for law in LAWS.values() for gain in law.gains}
     assert section["kind"]["enum"] == list(LAWS)
-    assert set(section) == {*COMMON, *gains, "integrator"}
+    assert gains < set(section)
+    for law, rule in zip(LAWS.values(), rules, strict=True):
+        assert rule["if"]["properties"] == {"kind": {"const": law.kind}}
+        own = [gain.name for gain in law.gains]
+        assert set(rule["then"]["required"]) == set(own)
+        others = {*gains.difference(own), *(() if law.integrates else ("integrator",))}
+        refused = rule["then"]["properties"].items()
+        another = {"$ref": "#/$defs/of_another_law"}
+        assert {key for key, value in refused if value == another} == others
     assert section["integrator"]["properties"]["anti_windup"]["enum"] == list(
         ANTI_WINDUP
     )
@@ -125,11 +134,14 @@ PID_KEYS = {"kind": "pid", "ki": [1, 1]}
 COMPUTED = {"kind": "computed_torque", "feedforward": "nominal"}
 AT_FAULT = [
     ({"kind": "pid"}, "controller: lacks the key 'ki', which pid needs"),
-    ({"ki": [1, 1]}, "controller.ki: is no key of the law pd"),
-    ({"integrator": SLACK}, "controller.integrator: is no key of the law pd"),
+    ({"ki": [1, 1]}, "controller.ki: is a key of another law"),
+    ({"integrator": SLACK}, "controller.integrator: is a key of another law"),
+    ({"kind": "pid", "kii": [1, 1]}, "controller: unknown key 'kii'"),
     (COMPUTED, "controller.feedforward: computed torque contains"),
     (PID_KEYS | {"integrator": {"anti_windup": "back_calculation"}}, "give tracking_time in s"),
-    (PID_KEYS | {"integrator": {"limit": [1]}}, "controller.integrator.limit: expected 2 numbers"),
+    (PID_KEYS | {"integrator": {"tracking_time": 1}}, "tracking_time: belongs to back_calculation alone"),
+    (PID_KEYS | {"integrator": {"limit": [1]}}, "controller.integrator.limit: expected 2 entries"),
+    ({"kp": [1]}, "controller.kp: expected 2 entries, one per joint, got 1\n  remedy: give what the key stands for"),
 ]  # fmt: skip
 
 

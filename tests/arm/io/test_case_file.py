@@ -166,7 +166,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"robot": "r2d2"}, "r2d2: no such URDF file\n  remedy: give a URDF, or one of the known robots kuka_iiwa"),
     ({"nominal": {"coulomb": [1]}}, "field nominal.coulomb: expected 2 numbers, one per joint, got 1"),
     ({"nominal": {"armature": [1, -1]}}, "field nominal.armature[2]: expected a number of at least 0, got -1"),
-    ({"controller": {"rate": 1000, "kp": [1], "kd": [1, 1]}}, "field controller.kp: expected 2 numbers"),
+    ({"controller": {"rate": 1000, "kp": [1], "kd": [1, 1]}}, "field controller.kp: expected 2 entries"),
     ({"import": {"q": {"column": "p{j}", "unit": "grad"}}}, "field import.q.unit: expected one of rad, deg, rev"),
     ({"import": {"transmission": {"matrix": [[NONE, 0], [0, 1]]}}}, "matrix[1][1]: expected a number, got nan"),
     ({"import": {"mend": {"time": {"scale": NONE}}}}, "field import.mend.time.scale: expected a number, got nan"),
