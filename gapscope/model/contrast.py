@@ -37,7 +37,7 @@ from gapscope.model.equations import (
 )
 from gapscope.model.terms import Candidate, Term
 
-SIZES = tuple(10.0 ** (k / 2) for k in range(-4, 1))
+SIZES = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Prior deviations of an effect, in RMS torque over the joint's scale [1]: from what is not worth a name to all of it.
 """
 MANY = 20

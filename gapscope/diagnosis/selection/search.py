@@ -61,7 +61,7 @@ from gapscope.model.terms import Candidate, Term, Terms
 
 EVERYONE = (0,)
 """The group of all recordings."""
-ERRORS = tuple(INERTIAL_ERROR * 10.0 ** (k / 2) for k in range(-2, 3))
+ERRORS = (0.003, 0.01, INERTIAL_ERROR, 0.1, 0.3)
 """Errors of the nominal inertials, over their own size [1]: a tenth to ten times what is usual."""
 WORSE = 2.0
 """Factor by which they may be larger than a good data sheet's [1]. (hand)"""
