@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy.stats import binomtest
+from scipy.stats import binomtest, norm
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
@@ -263,6 +263,7 @@ class Compared:
         jaccard: of the two sets, modulo classes.
         joints: per effect named rightly whether all of its joints are right.
         errors: per such effect on the right joints, the relative error of its first parameter.
+        held: per value of these parameters whether its interval of 95 % holds the true one.
         findings: probabilities.
         closure: share of the gap closed, or ``None``.
         seconds: duration of the diagnosis [s].
@@ -282,6 +283,7 @@ class Compared:
     jaccard: float
     joints: tuple[bool, ...]
     errors: tuple[float, ...]
+    held: tuple[bool, ...]
     findings: tuple[ScoredFinding, ...]
     closure: Document | None
     seconds: float | None
@@ -317,7 +319,8 @@ def compare(
         severity = "fault"
     else:
         severity = "{:g}-{:g}".format(*label["severity"])
-    errors = (first_parameter_error(entries[i], reported[j]) for i, j in pairs)
+    sizes = (first_parameter(entries[i], reported[j]) for i, j in pairs)
+    known = [size for size in sizes if size is not None]
     return Compared(
         name=name,
         kind=label["kind"],
@@ -337,7 +340,8 @@ def compare(
             # effects of a class may act on other joints and still be the same
             if truth[i].joints and truth[i].effect == found[j].effect
         ),
-        errors=tuple(error for error in errors if error is not None),
+        errors=tuple(size.error for size in known),
+        held=tuple(bool(held) for size in known for held in size.held),
         findings=tuple(_finding(entry, truth, n, motions) for entry in reported),
         closure=closed,
         seconds=seconds,
@@ -345,8 +349,35 @@ def compare(
     )
 
 
-def first_parameter_error(truth: Document, found: Document) -> float | None:
-    """|found - true| / |true| of the first parameter, median over joints; ``None`` if it cannot be compared."""
+class FirstParameter(NamedTuple):
+    """The first parameter of an effect, true and found, one value per joint or the components of a vector.
+
+    Attributes:
+        true, value, std: in its unit, (K,).
+        vector: whether its length is the size.
+    """
+
+    true: np.ndarray
+    value: np.ndarray
+    std: np.ndarray
+    vector: bool
+
+    @property
+    def error(self) -> float:
+        """|found - true| / |true|, median over joints."""
+        off = np.abs(self.value - self.true)
+        if self.vector:
+            return float(np.linalg.norm(off) / np.linalg.norm(self.true))
+        return float(np.median(off / np.maximum(np.abs(self.true), 1e-12)))
+
+    @property
+    def held(self) -> np.ndarray:
+        """Whether the interval of 95 % of each value holds the true one, (K,)."""
+        return np.abs(self.value - self.true) <= norm.ppf(0.975) * self.std
+
+
+def first_parameter(truth: Document, found: Document) -> FirstParameter | None:
+    """The first parameter of an effect that was found where it is; ``None`` if it cannot be compared."""
     same_joints = set(truth["joints"]) == set(found["joints"])
     if truth["effect"] != found["effect"] or not same_joints:
         return None
@@ -357,16 +388,19 @@ def first_parameter_error(truth: Document, found: Document) -> float | None:
     # without a unit it is no size that could be off
     if not names or "" in units or not set(names) <= given.keys():
         return None
-    true, value = (
-        np.hstack([np.ravel(entry[name]["value"]) for name in names])
-        for entry in (truth["parameters"], given)
+    true, value, std = (
+        np.hstack([np.ravel(entry[name][key]) for name in names])
+        for entry, key in (
+            (truth["parameters"], "value"),
+            (given, "value"),
+            (given, "std"),
+        )
     )
     if truth["effect"] in VECTORS:
-        return float(np.linalg.norm(value - true) / np.linalg.norm(true))
+        return FirstParameter(true, value, std, True)
     # the same joints in another order
     order = [found["joints"].index(joint) for joint in truth["joints"]]
-    error = np.abs(value[order] - true) / np.maximum(np.abs(true), 1e-12)
-    return float(np.median(error))
+    return FirstParameter(true, value[order], std[order], False)
 
 
 def _finding(
@@ -508,6 +542,7 @@ def scores(cases: Sequence[Compared]) -> Document:
         "called_unexplained": share([c.verdict == "unexplained" for c in cases]),
         "called_no_gap": share([c.verdict == "no_gap" for c in cases]),
         "parameter_error": _quantiles(errors),
+        "intervals": share([held for c in cases for held in c.held]),
         "gap_closed": _quantiles([x["mean"] for x in closed]),
         "gap_closed_worst_joint": _quantiles([x["worst"] for x in closed]),
     }

@@ -106,6 +106,7 @@ def _scores(title: str, groups: Document) -> PageSection:
         "joints": ("joints", rate),
         "called unexplained": ("called_unexplained", rate),
         "first parameter, median error": ("parameter_error", _median),
+        "in its interval": ("intervals", rate),
         "gap closed, median": ("gap_closed", _median),
         "worst joint, median": ("gap_closed_worst_joint", _median),
     }

@@ -22,7 +22,7 @@ from gapscope.blind_check.scoring import (
     brier,
     compare,
     ece,
-    first_parameter_error,
+    first_parameter,
     matched,
     reliability,
     same,
@@ -56,7 +56,10 @@ def effect(
     name: str, joints: list[int], probability: float = 1.0, **parameters: Any
 ) -> dict[str, Any]:
     """An entry of ``effects``."""
-    values = {key: {"unit": "1", "value": value} for key, value in parameters.items()}
+    values = {
+        key: {"unit": "1", "value": value, "std": np.full(np.shape(value), 0.3)}
+        for key, value in parameters.items()
+    }
     known = {"effect": name, "joints": joints, "probability": probability}
     return known | {"alternatives": [], "parameters": values}
 
@@ -157,13 +160,20 @@ def test_errors_and_findings_of_a_diagnosis() -> None:
     case = compare("c", label(RUBBING), said(found, beside))
     assert case.joints == (True,)
     assert case.errors == (pytest.approx(0.05),)  # median of 0 and 10 %
+    assert case.held == (True, True)
     assert [finding.right for finding in case.findings] == [True, False]
     assert case.findings[0].probability == 0.9
 
 
 def test_the_error_of_a_tilt_is_that_of_the_vector() -> None:
     true, found = (effect("base_tilt", [], roll=0.03, pitch=x) for x in (0.04, 0.05))
-    assert first_parameter_error(true, found) == pytest.approx(0.2)
+    size = first_parameter(true, found)
+    assert size is not None and size.error == pytest.approx(0.2)
+
+
+def test_an_interval_holds_what_is_within_two_deviations() -> None:
+    found = effect("coulomb_friction", [2, 1], torque=[2.7, 4.5])
+    assert compare("c", label(RUBBING), said(found)).held == (False, True)
 
 
 def test_the_summary_counts_alarms_unknowns_and_failures() -> None:
