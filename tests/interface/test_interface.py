@@ -190,13 +190,16 @@ def test_bad_arrays_are_refused_with_the_place(name, case):
         )
 
 
+GAINS = {"kp": [1] * 3, "kd": [1] * 3}
+
+
 @pytest.mark.parametrize(
     ("description", "place"),
     [
         ({"controller": {"kind": "foo", "rate": 9}}, r"field controller.kind: expected one of pd"),
         ({"controller": {"kp": [1] * 3}}, r"field controller: lacks the key 'rate'"),
-        ({"controller": {"rate": 100, "kp": 1}}, r"field controller.kp: expected a list"),
-        ({"controller": {"rate": 9, "velocity_filter": 80}}, r"controller.velocity_filter"),
+        ({"controller": {"rate": 100, "kp": 1, "kd": [1] * 3}}, r"field controller.kp: expected a list"),
+        ({"controller": {**GAINS, "rate": 9, "velocity_filter": 80}}, r"controller.velocity_filter"),
         ({"joints": ["joint_1"] * 2}, r"field joints: has an entry twice"),
         ({"chain": ["base"]}, r"field chain: expected at least 2"),
         ({"gravity": -9.81}, r"field gravity: expected a list"),
