@@ -218,7 +218,7 @@ BY_NAME = "by its name"
 """Reason for columns of which only the name tells the channel."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ColumnGroup:
     """Columns with one number for each of k joints, or one column whose cells hold lists.
 
@@ -497,7 +497,7 @@ AMPERES = ("current", "commanded current")
 """Those of them that are no torque yet."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ChannelGuess:
     """Columns taken for a channel.
 

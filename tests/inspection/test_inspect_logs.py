@@ -14,6 +14,7 @@ from gapscope.arm.io.log import open_log
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.inspection.inspection import Inspection, case_text, inspect_logs
+from gapscope.reports.inspection import torque_rows
 
 DEGREES = 180 / np.pi
 
@@ -116,6 +117,19 @@ def test_files_side_by_side_become_one_recording(arm, motion, tmp_path):
     np.testing.assert_allclose(read.tau, motion.tau, atol=1e-9)
     # nothing tells the rate, and that is said
     assert any("rate" in odd.said for odd in found.oddities)
+
+
+def test_torques_of_one_name_in_two_files_are_told_apart(arm, motion, tmp_path):
+    torque = columns("tau_{j}", motion.tau)
+    time = {"time": motion.t}
+    state = time | columns("q_{j}", motion.q) | torque
+    wanted = time | columns("q_ref_{j}", motion.q + 0.01) | torque
+    found = inspected(tmp_path, arm, state=state, wanted=wanted)
+    assert len(found.sources) == 2
+    assert [name for name, _ in torque_rows(found)] == [
+        "tau_{j} (taken as tau)",
+        "tau_{j}",
+    ]
 
 
 def test_logs_of_one_kind_become_recordings(arm, motion, tmp_path):
