@@ -107,7 +107,7 @@ def truth(kind, *effects):
 
 def entry(name, joints, value, **more):
     parameter = "torque" if "torque" in name or "coulomb" in name else "mass"
-    parameters = {parameter: {"unit": "N m", "value": value}}
+    parameters = {parameter: {"unit": "N m", "value": value, "std": value}}
     return {"effect": name, "joints": joints, "parameters": parameters, **more}
 
 
