@@ -19,13 +19,13 @@ import numpy as np
 from gapscope.model.conditioning import MIN_CUTOFF, TORQUE_CUTOFF, TRIM
 from gapscope.model.design import LIKELY
 from gapscope.model.equations import MIN_NOISE
-from gapscope.model.readings import FAULT_SIGN_WIDTH, ORDINARY_ERROR
+from gapscope.model.readings import ORDINARY_ERROR
 from gapscope.model.rows import PER_CUTOFF
 
 # fmt: off
 
 # --- gap: what is used of recordings
-STICKING_SPEED = FAULT_SIGN_WIDTH  # A joint that is slower all the time is called still [rad/s]. (physical)
+STICKING_SPEED = 0.02  # A joint that is slower all the time is called still [rad/s]. (physical)
 # A recording is used up to a change during it if that lasts this long [s]. (hand)
 MIN_UNCHANGED = 3.0
 # Share of its torque by which a law in nature differs from the catalogue's form: of an effect, and of the dry friction

@@ -28,6 +28,7 @@ from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.inertials import inertial_errors, inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
+from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.gap.commanded_torque import filled
@@ -55,7 +56,7 @@ from gapscope.model.conditioning import (
 from gapscope.model.design import LIKELY, WIDE
 from gapscope.model.effective_samples import motion_samples, variance_inflation
 from gapscope.model.equations import MIN_NOISE, ROUNDS, SETTLED
-from gapscope.model.readings import FAULT_SIGN_WIDTH, MOTION_INDEPENDENT_RATE
+from gapscope.model.readings import MOTION_INDEPENDENT_RATE
 
 RATE = 1000.0
 """Rate of a controller of which nothing is known [Hz]: that of most drives."""
@@ -246,7 +247,7 @@ class _Rows:
         for _, segment in self._pairs:
             m = segment.motion
             bodies = body.regressor(m.q, m.dq, m.ddq) @ errors
-            dry, one = np.tanh(m.dq / FAULT_SIGN_WIDTH), np.ones_like(m.q)
+            dry, one = smooth_sign(m.dq), np.ones_like(m.q)
             needed = CorrectedArm(arm).predict(segment.bodies(body), m)
             parts.append(_thin([bodies, dry, m.dq, m.ddq, one, needed], segment))
         self.fixed = np.concatenate(parts)

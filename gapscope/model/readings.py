@@ -72,8 +72,6 @@ ROTOR_RATIO = 30.0
 """Inertia of a rotor at the joint, over that of the bodies about it, at most [1]. (physical)"""
 TURNING_LATE = 0.05
 """T, by which dry friction may turn round late: bristles bend first [s]. (hand)"""
-FAULT_SIGN_WIDTH = 0.02
-"""Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)"""
 MIN_TORQUE_DEVIATION = 1e-4
 """Least deviation of a torque, over the largest joint's [1]: motors of small joints. (physical)"""
 
@@ -199,8 +197,8 @@ class ReadingEquations:
     Attributes:
         gram: X^T X, (n, D, D).
         cross: X^T b for every torque b, the recorded columns and then each joint's gravity torque, (n, D, 2 n).
-        products: b_i b_j summed, (2 n, 2 n).
-        rows, independent: number of samples, and of independent ones among them.
+        products: b_i b_k summed over the samples of each joint, (n, 2 n, 2 n).
+        rows, independent: number of samples that count on each joint, and of independent ones among them, (n,).
         deviation: standard deviation of each recorded torque column [N m], (n,).
         bodies, load: prior deviations of inertials that are off by their own size, and of a load, (10 n,), in the
             columns' units.
@@ -213,8 +211,8 @@ class ReadingEquations:
     gram: np.ndarray
     cross: np.ndarray
     products: np.ndarray
-    rows: int
-    independent: float
+    rows: np.ndarray
+    independent: np.ndarray
     deviation: np.ndarray
     bodies: np.ndarray
     load: np.ndarray
@@ -244,12 +242,12 @@ class ReadingEquations:
         # in cross and products the gravity torques follow the recorded columns
         gravity = len(joints) + joints
         cross = self.cross[joints, :, source] * factor[:, None]
-        square = self.products[source, source] * factor**2
+        square = self.products[joints, source, source] * factor**2
         # gravity is put back: (k tau + g)^2 = k^2 tau^2 + 2 k tau g + g^2
         if reading.gravity:
             cross = cross + self.cross[joints, :, gravity]
-            pull = self.products[source, gravity] * factor
-            square = square + 2 * pull + self.products[gravity, gravity]
+            pull = self.products[joints, source, gravity] * factor
+            square = square + 2 * pull + self.products[joints, gravity, gravity]
         return MappedTorque(cross, square, self.deviation[source] * np.abs(factor))
 
 
@@ -262,7 +260,8 @@ def reading_equations(
 ) -> ReadingEquations:
     """Normal equations under a reading of the motion and the torque's delay.
 
-    Sources and factors of the torque, and whether gravity was left out of it, do not matter.
+    Sources and factors of the torque, and whether gravity was left out of it, do not matter. While dry friction holds
+    a joint its torque may be any: such samples do not count on it.
 
     Args:
         arm, body: the nominal arm and its dynamics.
@@ -272,7 +271,7 @@ def reading_equations(
     """
     q, dq, ddq = reading.true_motion(samples.q, samples.dq, samples.ddq)
     regressor = body.regressor(q, dq, ddq)
-    sign = np.tanh(dq / (FAULT_SIGN_WIDTH * arm.per_radian))
+    sign = smooth_sign(dq / arm.per_radian)
     nominal = regressor @ body.inertial_parameters() + arm.armature * ddq
     pull = body.gravity_regressor(q)
     gravity = pull @ body.gravity
@@ -284,7 +283,7 @@ def reading_equations(
     centred = q - q.mean(axis=0)
     # of the same rows, however fast they are said to be
     late = TURNING_LATE * reading.time_factor
-    turned = np.tanh((dq - late * ddq) / (FAULT_SIGN_WIDTH * arm.per_radian))
+    turned = smooth_sign((dq - late * ddq) / arm.per_radian)
     own = np.stack([nominal, ddq, sign, dq, centred, np.ones_like(q), turned], axis=2)
     bodies, load = inertial_scale(body), _load_std(body)
     # columns in units of what each may be off by: the sums are better conditioned
@@ -293,13 +292,18 @@ def reading_equations(
     # joints first: X_j is (M, D)
     x = np.concatenate([regressor * unit, level, own], axis=2).transpose(1, 0, 2)
     recorded = samples.torque(reading.recorded_delay if delay is None else delay)
-    torques = np.concatenate([recorded, gravity], axis=1)
+    # by the speed that was recorded: the same samples count, however fast a reading says they are
+    speed = samples.dq[:, list(reading.motion.source)] / arm.per_radian
+    slides = np.abs(smooth_sign(speed)).T[:, :, None]
+    x = x * slides
+    torques = np.concatenate([recorded, gravity], axis=1) * slides
+    rows = np.maximum((slides**2).sum(axis=(1, 2)), np.finfo(float).eps)
     return ReadingEquations(
         gram=x.transpose(0, 2, 1) @ x,
         cross=x.transpose(0, 2, 1) @ torques,
-        products=torques.T @ torques,
-        rows=len(q),
-        independent=samples.independent,
+        products=torques.transpose(0, 2, 1) @ torques,
+        rows=rows,
+        independent=samples.independent * rows / len(q),
         deviation=torque_deviation(recorded),
         bodies=bodies / unit,
         load=load / unit,
@@ -437,9 +441,7 @@ def _evidence(
     fit = np.log(noise) + (left + ORDINARY_GAP**2) / noise
     # over the sizes with which the information was summed, not those after it
     spread = np.linalg.slogdet(information * np.outer(before, before))[1]
-    return -0.5 * float(
-        eq.independent * fit.sum() + spread + ((found / before) ** 2).sum()
-    )
+    return -0.5 * float(eq.independent @ fit + spread + ((found / before) ** 2).sum())
 
 
 def _groups(eq: ReadingEquations) -> np.ndarray:
@@ -679,9 +681,13 @@ def gravity_by_torque(
     """
     gram, target = np.zeros((3, 3)), np.zeros(3)
     for j, size in enumerate(deviation):
-        own = [smooth_sign(dq[:, j]), dq[:, j], np.ones(len(dq))]
-        basis, _ = np.linalg.qr(np.column_stack(own))
-        x, y = regressor[:, j] / size, torque[:, j] / size
+        sign = smooth_sign(dq[:, j])
+        # while dry friction holds the joint its torque may be any
+        slides = np.abs(sign)
+        own = np.column_stack([sign, dq[:, j], np.ones(len(dq))])
+        basis, _ = np.linalg.qr(own * slides[:, None])
+        x = regressor[:, j] * (slides / size)[:, None]
+        y = torque[:, j] * slides / size
         # what the joint's own friction and offset explain is taken out of both sides
         x, y = x - basis @ (basis.T @ x), y - basis @ (basis.T @ y)
         gram += x.T @ x

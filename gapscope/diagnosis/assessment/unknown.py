@@ -15,6 +15,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from gapscope.arm.io.json_file import plain
+from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.locate import MotionRows
 from gapscope.diagnosis.thresholds import (
@@ -36,7 +37,6 @@ from gapscope.model.conditioning import MIN_FLOOR, TORQUE_CUTOFF
 from gapscope.model.design import drawn_waves
 from gapscope.model.difference import ANY
 from gapscope.model.effective_samples import variance_inflation
-from gapscope.model.readings import FAULT_SIGN_WIDTH
 from gapscope.model.torque_gap import TorqueGap
 
 # Curves of a gap over one variable.
@@ -109,7 +109,7 @@ def variables(
         Variable("position", "rad", rows.q[kept, j]),
         Variable("speed", "rad/s", np.abs(v)),
         Variable("velocity", "rad/s", v),
-        Variable("direction", "1", np.tanh(v / FAULT_SIGN_WIDTH)),
+        Variable("direction", "1", smooth_sign(v)),
         Variable("acceleration", "rad/s^2", rows.ddq[kept, j]),
         Variable("load", "N m", load),
         Variable("time", "s", rows.clock[kept]),

@@ -12,7 +12,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.control import ControlLoop, Targets
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.diagnosis.thresholds import STICKING_SPEED
@@ -31,7 +31,6 @@ from gapscope.model.effective_samples import motion_samples
 from gapscope.model.equations import MIN_NOISE
 from gapscope.model.readings import (
     FAULT_SAMPLES,
-    FAULT_SIGN_WIDTH,
     MOTION_INDEPENDENT_RATE,
     ordinary_errors,
 )
@@ -113,7 +112,7 @@ def _rows(
     assert segment.torque is not None
     nominal = CorrectedArm(arm).predict(segment.bodies(body), motion)
     scale, each = torque_scale(nominal), np.eye(arm.n_joints)
-    sign = np.tanh(dq / FAULT_SIGN_WIDTH)
+    sign = smooth_sign(dq)
     speed = np.maximum(np.abs(dq).max(axis=0), STICKING_SPEED)
     # a column per joint that acts on that joint alone
     coulomb, viscous, scales = (

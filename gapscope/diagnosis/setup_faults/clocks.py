@@ -23,6 +23,7 @@ from gapscope.arm.io.plausibility import (
     unit_of_stamps,
 )
 from gapscope.arm.io.table import DAMAGED, GAP_STEPS, PAUSE
+from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, by_recordings
@@ -61,7 +62,6 @@ from gapscope.model.conditioning import (
 from gapscope.model.effective_samples import motion_samples
 from gapscope.model.readings import (
     FAULT_SAMPLES,
-    FAULT_SIGN_WIDTH,
     MOTION_INDEPENDENT_RATE,
 )
 
@@ -351,7 +351,7 @@ def _part(
     bodies, still = segment.bodies(body), np.zeros_like(q)
     gravity = bodies.inverse_dynamics(q, still, still)
     rest = bodies.inverse_dynamics(q, dq, ddq) - gravity
-    dry = np.tanh(dq / FAULT_SIGN_WIDTH)
+    dry = smooth_sign(dq)
     columns = np.stack([gravity, rest, ddq, dry, dq, np.ones_like(q)], axis=2)
     rate = np.gradient(torque, m.t, axis=0)
     t = m.t - start

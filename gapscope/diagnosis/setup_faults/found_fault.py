@@ -79,7 +79,7 @@ def look_at(
         factor,
         known,
         # gravity torques come after the n recorded ones
-        bool(np.diag(equations.products)[n:].any()),
+        bool(equations.products[:, n:, n:].any()),
         rate_is_known or reading.differs("time_factor"),
     )
 

@@ -15,6 +15,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.control import FEEDFORWARDS, PD, feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
+from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.reading import Reading, references
 from gapscope.arm.recording import Recording, SetPoints, set_points
 from gapscope.arm.root_mean_square import SMALLEST, rms
@@ -56,7 +57,6 @@ from gapscope.effects.setup_faults import (
     VelocityOfReference,
 )
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, condition, low_pass
-from gapscope.model.readings import FAULT_SIGN_WIDTH
 
 # What a control law is compared on: sums of products of tracking errors, motion and torque of each joint, over rows to
 # fit and over rows to judge. Every law is algebra on them.
@@ -230,7 +230,7 @@ def _series(
             for x in (error, planned[1] - dq, dq, torque, needed, *fed, *weight)
         )
         one = np.ones_like(error)
-        dry = np.tanh(slow / FAULT_SIGN_WIDTH)
+        dry = smooth_sign(slow)
         every = np.stack([error, rate, slow, dry, one, *others], axis=2)
         out.append((every, free[inner]))
     return out

@@ -18,6 +18,7 @@ from synthetic import Truth
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
+from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_search import looks_late
@@ -138,6 +139,32 @@ def load_off_the_axis() -> Case:
     return record_case("loaded", arm, effects, Plan(), rng)
 
 
+def moving(change: Callable[[Fourier], Fourier]) -> Case:
+    """The sound arm with its motions changed."""
+    rng, motions = np.random.default_rng(3), (synthetic.motion(k) for k in range(3))
+    recordings = tuple(
+        synthetic.recording(Truth(), change(motion), rng, f"recording_{k}.csv")
+        for k, motion in enumerate(motions)
+    )
+    return replace(sound("healthy"), recordings=recordings)
+
+
+def moving_little() -> Case:
+    """A twentieth of its motion: the torque is nearly all friction."""
+    return moving(lambda x: replace(x, sine=0.05 * x.sine, cosine=0.05 * x.cosine))
+
+
+def two_at_rest() -> Case:
+    """Two joints rest, and dry friction takes what the third one's motion asks of them."""
+    case = moving(lambda x: synthetic.held(synthetic.held(x, 1), 2))
+    stuck = []
+    for one in case.recordings:
+        asked = one.tau - one.tau.mean(axis=0)
+        taken = np.clip(asked, -case.arm.coulomb, case.arm.coulomb)
+        stuck.append(replace(one, tau=one.tau - taken * [1, 1, 0]))
+    return replace(case, recordings=tuple(stuck))
+
+
 NO_FAULT: dict[str, Callable[[], Case]] = {
     **{label: partial(sound, label) for label in ORDINARY},
     "friction unknown": without_friction,
@@ -147,6 +174,8 @@ NO_FAULT: dict[str, Callable[[], Case]] = {
     "on a wall": lambda: synthetic.case(Truth(tilt=(np.pi / 2, 0.0)), seed=3),
     "uneven samples": taken_unevenly,
     "a load far off the axis": load_off_the_axis,
+    "little motion": moving_little,
+    "two joints at rest": two_at_rest,
 }
 
 
