@@ -56,6 +56,7 @@ from gapscope.model.difference import Fit
 from gapscope.model.explained import (
     Explained,
     HeldOut,
+    beyond,
     explained,
     held_out,
     likely_errors,
@@ -203,7 +204,8 @@ class SheetComparison(Document):
         scale = torque_scale(rows.torque)
         every = np.ones(len(after), dtype=bool)
         floor = np.zeros(len(scale))
-        return Explained(every, after, torque, errors, floor, scale, rows.trust)
+        hidden = rows.hides * rows.scale
+        return Explained(every, after, torque, errors, floor, scale, rows.trust, hidden)
 
     def _gap_on(self, rows: Rows, arm: CorrectedArm) -> np.ndarray:
         """Gap of an arm [N m], (M, n); what no torque was measured of has no weight."""
@@ -336,7 +338,8 @@ class SheetComparison(Document):
         # bodies that are off by more would explain away what is unknown
         known, largest = self.explained, WORSE**2 * INERTIAL_ERROR
         share = largest / max(self.sheet_error, largest)
-        gap = self.gap(known.after - share * known.errors)
+        left = known.after - share * known.errors
+        gap = self.gap(beyond(left, known.hidden))
         white2 = self.fit.contrast.error.white2.copy()
         for found in self.prepared.faults:
             # the rounding of an encoder leaves noise of any size
@@ -436,11 +439,6 @@ class SheetComparison(Document):
     def predictable(self) -> list[Predictable]:
         """What can be predicted of the gap that is left, of each joint."""
         return self.unknown.predictable
-
-    @property
-    def rejected(self) -> bool:
-        """Whether an effect explains recordings and does not predict others."""
-        return bool(self.unseen)
 
     def doubt(self, reached: str) -> tuple[str, str]:
         """What makes the nominal arm another one than was recorded, and what to do first; empty if nothing does."""
@@ -581,7 +579,7 @@ def examine(case: Case, progress: Progress = silent) -> SheetComparison:
     likelier = prepared.by_likelier_rule(found.effects, progress)
     if likelier is not None:
         prepared, found = likelier, _compared(likelier, progress)
-    left = found.explained.nrmse(found.explained.after)
+    left = found.explained.visible(found.explained.after)
     # effects speak for the nominal arm only if its bodies are about right
     explained = found.has_good_sheet and found.reached == "effects_found"
     # worse than no torque at all with all that was found, or not explained by that

@@ -582,14 +582,30 @@ def fitted_arm(rows: Rows, arm: NominalArm, groups: Collection[int]) -> FreeArm:
             scaled = x[np.ix_(told, mine)] * prior[places] * by
             normal[np.ix_(places, places)] += scaled.T @ scaled
             right[places] += scaled.T @ (made.gap[told, j] * by[:, 0])
-        value = prior * np.linalg.solve(normal, right)
+        inverse = np.linalg.inv(normal)
+        value = prior * (inverse @ right)
         missed = (made.gap - made.shared_torque(value))[told] * weight
         rms = np.sqrt((missed**2).sum(axis=0) / (trust**2).sum(axis=0))
         left = np.maximum(rms, PRECISE)
         found = moved(start, made, value)
         # where its friction may hold it rows count less in the next round
-        rows.held(np.abs(found.theta[dry]).sum(axis=0), left, arm.per_radian)
+        friction = np.abs(found.theta[dry]).sum(axis=0)
+        unsure = _unsure_friction(made, prior * np.sqrt(np.diag(inverse)), rows)
+        rows.held(friction + unsure, left, arm.per_radian)
     return replace(found, taken=None)
+
+
+def _unsure_friction(made: Design, std: np.ndarray, rows: Rows) -> np.ndarray:
+    """Deviation of the joints' dry friction [N m], (n,), from those of what is shared.
+
+    Of a joint that rests, friction may take all that its torque does.
+    """
+    out = rows.scale.copy()
+    for term, places in made.places.items():
+        if isinstance(term.definition, DryLaw):
+            j = term.joint - 1
+            out[j] = min(out[j], float(std[places][0] / made.units[term][0]))
+    return out
 
 
 def possible(arm: FreeArm, made: Design, value: np.ndarray) -> np.ndarray:

@@ -30,6 +30,7 @@ class Explained:
             is left with the terms.
         scale: normalisation of the torque gap [N m], (n,).
         trust: how far friction is known on each row [1], (M, n).
+        hidden: torque that friction may take where it holds a joint [N m], (M, n).
     """
 
     rows: np.ndarray
@@ -39,6 +40,7 @@ class Explained:
     floor: np.ndarray
     scale: np.ndarray
     trust: np.ndarray
+    hidden: np.ndarray
 
     @property
     def before(self) -> np.ndarray:
@@ -51,7 +53,8 @@ class Explained:
 
     def visible(self, gap: np.ndarray) -> np.ndarray:
         """The same by trust, (n,): where a joint may stick, static friction hides what is there."""
-        return self.nrmse(gap * self.trust) / np.sqrt((self.trust**2).mean(axis=0))
+        known = beyond(gap, self.hidden) * self.trust
+        return self.nrmse(known) / np.sqrt((self.trust**2).mean(axis=0))
 
 
 class HeldOut(NamedTuple):
@@ -142,7 +145,13 @@ def explained(
     floor = np.minimum(_floor(fit, mine) * rows.scale, left)
     torque = {one: rows.in_newton_metres(x)[mine] for one, x in torque.items()}
     errors, trust = rows.in_newton_metres(errors)[mine], rows.trust[mine]
-    return Explained(mine, after, torque, errors, floor, scale, trust)
+    hidden = rows.hides[mine] * rows.scale
+    return Explained(mine, after, torque, errors, floor, scale, trust, hidden)
+
+
+def beyond(torque: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+    """What of a torque is more than what friction may hide, of the same shape and unit."""
+    return np.asarray(torque - np.clip(torque, -hidden, hidden))
 
 
 def likely_errors(

@@ -147,6 +147,7 @@ class Rows(DecimatedSegments):
             holds the joint.
         measured: the same but for friction, (M, n).
         sticking: RMS of what dry friction hides at rest, over the joint's scale [1], (M, n).
+        hides: the same where it holds the joint, and 0 elsewhere.
         scale: normalisation of the torque gap over all rows of the first group [N m], (n,).
         t: time by the recording's own clock [s], (M,).
         position, velocity: [rad], [rad/s], (M, n).
@@ -192,7 +193,7 @@ class Rows(DecimatedSegments):
         known = np.vstack([s.measured[self.taken(s)] for s in segments])
         self.measured = np.sqrt(np.where(known, 1.0, UNMEASURED))
         self.trust = self.measured
-        self.sticking = np.zeros_like(self.trust)
+        self.sticking = self.hides = np.zeros_like(self.trust)
         # groups that follow count in the torque of the first
         self.scale = torque_scale(self.torque[self.group == 0])
         self.t = np.concatenate([self.time(s) for s in segments])
@@ -290,6 +291,7 @@ class Rows(DecimatedSegments):
         share = self.rows([np.sqrt(1.0 - s**2) for s in direction])
         self.sticking = np.abs(friction / self.scale * share)
         hidden = self.sticking / noise
+        self.hides = np.where(hidden > 1, self.sticking, 0.0)
         # sigma^2 / (sigma^2 + n u^2): the n rows of a stop tell one unknown value
         self.trust = self.measured / np.sqrt(1.0 + self._stop(hidden > 1) * hidden**2)
 

@@ -37,7 +37,7 @@ from gapscope.diagnosis.document.plotted_curves import (
     spectrum,
     traces,
 )
-from gapscope.diagnosis.document.wording import Verdict, verdict, with_slide_units
+from gapscope.diagnosis.document.wording import Verdict, with_slide_units
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
 from gapscope.diagnosis.gap.repeatability import repeatability
@@ -143,11 +143,6 @@ class Document(Comparison):
     def coupling(self) -> UndeclaredCoupling | None:
         """Two joints that seem to be turned by one motor of which the case says nothing."""
         return None
-
-    @property
-    def rejected(self) -> bool:
-        """Whether an effect explains recordings and does not predict others."""
-        return False
 
     def doubt(self, reached: str) -> tuple[str, str]:
         """What makes the nominal arm another one than was recorded, and what to do first; empty if nothing does."""
@@ -362,11 +357,10 @@ class Document(Comparison):
         return self._verdict(found=bool(found or elsewhere))
 
     def _verdict(self, *, found: bool) -> Verdict:
-        return verdict(
-            found=found,
-            unknown=self.prepared.another_arm or not self.knows_most(),
-            rejected=self.rejected,
-        )
+        # what is not named may leave more of the gap open than what is closes
+        if self.prepared.another_arm or not self.knows_most():
+            return "unexplained"
+        return "effects_found" if found else "no_gap"
 
     def _gap(self) -> dict[str, Any]:
         """The gap before and after, torque and replay, and what the arm's own repeats differ by."""

@@ -90,24 +90,10 @@ def in_text(text: str) -> str:
     return _IN_TEXT.sub(lambda match: joint_unit(match[1], True), text)
 
 
-# The verdict of a diagnosis, from four facts.
+# What the verdict rests on, in words.
 
 
 Verdict = Literal["effects_found", "no_gap", "unexplained"]
-
-
-def verdict(*, found: bool, unknown: bool, rejected: bool) -> Verdict:
-    """The verdict of a diagnosis.
-
-    Args:
-        found: an effect, of all recordings or of some, a fault of the set-up or a change during a recording is named.
-        unknown: what is not named leaves more of the gap open than what is closes.
-        rejected: an effect was found and rejected on held-out data.
-    """
-    # A rejected effect explained a gap in the recordings to which it was fitted: the gap exists, its cause is open.
-    if unknown or (rejected and not found):
-        return "unexplained"
-    return "effects_found" if found else "no_gap"
 
 
 def misread(

@@ -54,6 +54,7 @@ from gapscope.model.difference import (
 )
 from gapscope.model.equations import Equations, learn
 from gapscope.model.expected import expected_entries
+from gapscope.model.explained import beyond
 from gapscope.model.nonlinear_values import CompliantBodies, Scanner
 from gapscope.model.readings import as_mounted
 from gapscope.model.rows import Rows
@@ -659,8 +660,9 @@ class SheetSearch(Search):
 
     def _visible(self, left: np.ndarray) -> np.ndarray:
         """The same where the joints surely move, (n,): where they may stick, static friction hides what is there."""
+        known = beyond(left, self.rows.hides * self.rows.trust)
         return np.asarray(
-            np.sqrt((left**2).sum(axis=0) / (self.rows.trust**2).sum(axis=0))
+            np.sqrt((known**2).sum(axis=0) / (self.rows.trust**2).sum(axis=0))
         )
 
     def _closed(self, few: Fit, many: Fit) -> float:

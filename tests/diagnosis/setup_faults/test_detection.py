@@ -20,6 +20,7 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.recording import Recording
+from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_search import looks_late
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
@@ -182,6 +183,10 @@ NO_FAULT: dict[str, Callable[[], Case]] = {
 @pytest.mark.parametrize("label", labels(NO_FAULT))
 def test_a_right_set_up_has_no_fault(label: str) -> None:
     assert find_setup_faults(NO_FAULT[label]()) == ()
+
+
+def test_what_friction_holds_is_not_unexplained() -> None:
+    assert diagnose(two_at_rest()).document["verdict"] == "no_gap"
 
 
 @pytest.mark.parametrize("placeholder", daily((0.0, 20.0), 20.0))
