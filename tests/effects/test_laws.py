@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import ROD, chain
+from cases import sines
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
@@ -78,184 +78,124 @@ def test_golden_value(name: str, value: np.ndarray, expected: float) -> None:
 
 def test_tilt_by_hand() -> None:
     """Rolled by 90 deg about x, gravity points along -y of the base; pitched by 90 deg about y, along +x."""
-    gravity = np.array([0.0, 0.0, -9.81])
-    np.testing.assert_allclose(
-        environment.tilt(np.pi / 2, 0.0).T @ gravity, [0, -9.81, 0], atol=1e-12
-    )
-    np.testing.assert_allclose(
-        environment.tilt(0.0, np.pi / 2).T @ gravity, [9.81, 0, 0], atol=1e-12
-    )
+    for turn, expected in (
+        ((np.pi / 2, 0), [0, -9.81, 0]),
+        ((0, np.pi / 2), [9.81, 0, 0]),
+    ):
+        found = environment.tilt(*turn).T @ [0.0, 0.0, -9.81]
+        np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_link_error_by_hand() -> None:
     """4 kg, I = diag(1, 2, 3) about (0.5, 0, 0), gains 25 % and moves by 0.1 m in x: 5 kg at 0.6 m, I = 1.25 I."""
     own = np.array([4.0, 2.0, 0, 0, 1.0, 0, 2.0 + 1.0, 0, 0, 3.0 + 1.0])
-    new = own + rigid_body.link_change(
-        own, np.array(2.0), np.array(1.0), np.array([0.1, 0.0, 0.0])
-    )
-    np.testing.assert_allclose(
-        new, [5.0, 3.0, 0, 0, 1.25, 0, 2.5 + 1.8, 0, 0, 3.75 + 1.8], atol=1e-12
-    )
+    moved = np.array([0.1, 0.0, 0.0])
+    new = own + rigid_body.link_change(own, np.array(2.0), np.array(1.0), moved)
+    expected = [5.0, 3.0, 0, 0, 1.25, 0, 2.5 + 1.8, 0, 0, 3.75 + 1.8]
+    np.testing.assert_allclose(new, expected, atol=1e-12)
 
 
 def test_law_is_amplitude_times_direction_where_the_load_is_known() -> None:
     rng = np.random.default_rng(0)
     for law in (e for e in CATALOGUE.values() if isinstance(e, DryLaw)):
-        values = [
-            rng.uniform(*np.clip(p.typical, 0, 0.5), 6) + 0.01 for p in law.parameters
-        ]
+        ranges = [np.clip(p.typical, 0, 0.5) + 0.01 for p in law.parameters]
+        values = [rng.uniform(*each, 6) for each in ranges]
         velocity, load = rng.normal(size=6), 10 * rng.normal(size=6)
         torque = law.law(Signals(0.0, velocity, velocity, load), *values)
         motor = load + torque if law.name == "load_friction" else load
-        np.testing.assert_allclose(
-            torque,
-            law.amplitude(velocity, motor, *values) * np.tanh(velocity / 0.005),
-            rtol=1e-9,
-        )
+        expected = law.amplitude(velocity, motor, *values) * np.tanh(velocity / 0.005)
+        np.testing.assert_allclose(torque, expected, rtol=1e-9)
 
 
-@pytest.fixture
-def sine() -> Motion:
-    """One joint that moves as 0.5 sin(2 t)."""
-    t = np.arange(0.0, 6.0, 1e-3)
-    x = 2 * t[:, None]
-    return Motion(t, 0.5 * np.sin(x), np.cos(x), -2 * np.sin(x))
+T = np.arange(0.0, 6.0, 1e-3)
+SINE = sines(T, 0.5, 2.0, np.zeros(1))
+"""One joint that moves as 0.5 sin(2 t)."""
+ON_THE_WAY = {
+    "torque_saturation": (50.0,),
+    "actuator_delay": (0.02,),
+    "actuator_lag": (0.03,),
+    "torque_scale": (-0.2,),
+    "torque_offset": (3.0,),
+    "torque_ripple": (2.0, 7.0, 0.3),
+}
 
 
 @pytest.mark.parametrize(
     "path", [e for e in CATALOGUE.values() if isinstance(e, Path)], ids=lambda e: e.name
 )
-def test_inverse_undoes_what_is_applied(path: Path, sine: Motion) -> None:
-    values = {
-        "torque_saturation": (50.0,),
-        "actuator_delay": (0.02,),
-        "actuator_lag": (0.03,),
-        "torque_scale": (-0.2,),
-        "torque_offset": (3.0,),
-        "torque_ripple": (2.0, 7.0, 0.3),
-    }[path.name]
-    series, torque = MotionSeries(sine), 10.0 * np.sin(5 * sine.t)[:, None]
-    arrays = [np.array([v]) for v in values]
-    applied = path.applied(torque, series, *arrays)
+def test_inverse_undoes_what_is_applied(path: Path) -> None:
+    series, torque = MotionSeries(SINE), 10.0 * np.sin(5 * T)[:, None]
+    values = [np.array([value]) for value in ON_THE_WAY[path.name]]
+    applied = path.applied(torque, series, *values)
     assert path.name == "torque_saturation" or np.abs(applied - torque).max() > 0.5
-    np.testing.assert_allclose(
-        path.inverse(applied, series, *arrays)[100:-100], torque[100:-100], atol=2e-4
-    )
+    back = path.inverse(applied, series, *values)
+    np.testing.assert_allclose(back[100:-100], torque[100:-100], atol=2e-4)
 
 
-def test_lag_of_a_ramp_trails_by_its_time_constant(sine: Motion) -> None:
+def test_lag_of_a_ramp_trails_by_its_time_constant() -> None:
     """A ramp behind 1 / (1 + T s) is the ramp T later, once settled."""
-    ramp = 3.0 * sine.t[:, None]
-    np.testing.assert_allclose(
-        MotionSeries(sine).lagged(ramp, np.array([0.05]))[1000:],
-        ramp[1000:] - 0.15,
-        atol=1e-7,
-    )
+    ramp = 3.0 * T[:, None]
+    lagged = MotionSeries(SINE).lagged(ramp, np.array([0.05]))
+    np.testing.assert_allclose(lagged[1000:], ramp[1000:] - 0.15, atol=1e-7)
 
 
-def test_force_on_the_last_link_by_hand(tmp_path) -> None:
+def test_force_on_the_last_link_by_hand(pendulum: NominalArm) -> None:
     """Rod along x, centre of mass at 0.5 m, hinge about y: 10 N upwards turn it by r x f = -5 N m."""
-    arm = chain(tmp_path, "rod", ROD)
-    body = RigidBody(arm)
-    assert body.force_torque(
-        np.zeros((1, 1)), np.array([0.0, 0.0, 10.0])
-    ) == pytest.approx(-5.0)
-    force = AppliedEffect(
-        "external_force", (), {"force": [0.0, 0.0, 10.0], "start": 1.0, "end": 2.0}
-    )
-    t = np.arange(0.0, 3.0, 0.01)
-    still = np.zeros((len(t), 1))
-    torque = CorrectedArm(arm, (force,)).predict(body, Motion(t, still, still, still))
-    assert torque[50, 0] == pytest.approx(-9.81) and torque[150, 0] == pytest.approx(
-        -9.81 + 5.0
-    )
-    turned = replace(arm, gravity=np.zeros(3))
+    acting = {"force": [0.0, 0.0, 10.0], "start": 1.0, "end": 2.0}
+    force, t = AppliedEffect("external_force", (), acting), np.arange(0.0, 3.0, 0.01)
+    still = Motion(t, *np.zeros((3, len(t), 1)))
+    body = RigidBody(pendulum)
+    torque = CorrectedArm(pendulum, (force,)).predict(body, still)
+    assert torque[[50, 150], 0] == pytest.approx([-9.81, -9.81 + 5.0])
+    # the rod now points down, along the force
     tilt = AppliedEffect("base_tilt", (), {"roll": 0.0, "pitch": np.pi / 2})
-    torque = CorrectedArm(turned, (force, tilt)).predict(
-        body.changed(np.zeros((1, 10)), np.zeros(3)), Motion(t, still, still, still)
-    )
-    assert torque[150, 0] == pytest.approx(
-        0.0, abs=1e-9
-    )  # the rod now points down, along the force
+    floating = replace(pendulum, gravity=np.zeros(3))
+    body = RigidBody(floating)
+    torque = CorrectedArm(floating, (force, tilt)).predict(body, still)
+    assert torque[150, 0] == pytest.approx(0.0, abs=1e-9)
 
 
-# Each law against values worked out by hand, and the payload against a body that pinocchio welds on.
-
-
-def one(q: float = 0.0, dq: float = 0.0, ddq: float = 0.0) -> Motion:
-    """One joint for a second with constant q, dq and ddq, as if a camera saw one instant all the time."""
-    t = np.arange(11) / 10
-    return Motion(t, *(np.full((11, 1), x) for x in (q, dq, ddq)))
-
-
-def torque(arm: NominalArm, motion: Motion, *effects: AppliedEffect) -> float:
-    """Predicted torque in the middle of a motion of one joint."""
-    return float(CorrectedArm(arm, effects).predict(RigidBody(arm), motion)[5, 0])
-
-
-def applied(name: str, **values: float) -> AppliedEffect:
-    return AppliedEffect(
-        name, (1,), {key: np.array([value]) for key, value in values.items()}
-    )
+# Each law against values worked out by hand.
 
 
 # the pendulum's nominal torque is 0.55 ddq - 9.81 cos q: 0 at q = pi/2, -9.81 at q = 0, and 0.55 * 20 = 11 more
 UPRIGHT = np.pi / 2
 OF_PENDULUM = [
-    ("coulomb_friction", {"torque": 2.0}, one(UPRIGHT, dq=1.0), 2.0),
-    ("coulomb_friction", {"torque": 2.0}, one(UPRIGHT, dq=-1.0), -2.0),
-    (
-        "coulomb_friction",
-        {"torque": 2.0},
-        one(UPRIGHT, dq=0.005),
-        2.0 * 0.7615941559557649,
-    ),  # tanh 1
-    ("coulomb_friction", {"torque": 2.0}, one(UPRIGHT), 0.0),
-    ("viscous_friction", {"coefficient": 3.0}, one(UPRIGHT, dq=-0.5), -1.5),
-    (
-        "saturating_friction",
-        {"torque": 2.0, "velocity": 0.5},
-        one(UPRIGHT, dq=0.25),
-        2.0 * 0.46211715726000973,
-    ),  # tanh 0.5
-    (
-        "load_friction",
-        {"coefficient": 0.25},
-        one(0.0, dq=1.0),
-        -9.81 / 1.25,
-    ),  # helped by gravity: tau + 0.25|tau|
-    ("load_friction", {"coefficient": 0.25}, one(0.0, dq=-1.0), -9.81 / 0.75),
-    ("load_friction", {"coefficient": 0.25}, one(0.0), -9.81),
-    ("armature", {"inertia": 0.4}, one(UPRIGHT, ddq=20.0), 11.0 + 8.0),
-    ("torque_scale", {"scale": 0.2}, one(0.0), -9.81 / 1.2),
-    ("torque_offset", {"torque": 1.5}, one(0.0), -9.81 - 1.5),
-    ("actuator_delay", {"delay": 0.02}, one(0.0), -9.81),
-    (
-        "encoder_offset",
-        {"offset": 0.3},
-        one(0.3),
-        -9.81,
-    ),  # 0.3 rad are read where the rod is level
-    (
-        "encoder_offset",
-        {"offset": -0.3},
-        one(0.3),
-        -9.81 * 0.8253356149096783,
-    ),  # cos 0.6
-]
+    ("coulomb_friction", {"torque": 2.0}, (UPRIGHT, -1.0, 0), -2.0),
+    # tanh 1
+    ("coulomb_friction", {"torque": 2.0}, (UPRIGHT, 0.005, 0), 2.0 * 0.7615941559557649),
+    ("coulomb_friction", {"torque": 2.0}, (UPRIGHT, 0, 0), 0.0),
+    ("viscous_friction", {"coefficient": 3.0}, (UPRIGHT, -0.5, 0), -1.5),
+    # tanh 0.5
+    ("saturating_friction", {"torque": 2.0, "velocity": 0.5}, (UPRIGHT, 0.25, 0), 2.0 * 0.46211715726000973),
+    # helped by gravity: tau + 0.25|tau|
+    ("load_friction", {"coefficient": 0.25}, (0, 1.0, 0), -9.81 / 1.25),
+    ("load_friction", {"coefficient": 0.25}, (0, -1.0, 0), -9.81 / 0.75),
+    ("load_friction", {"coefficient": 0.25}, (0, 0, 0), -9.81),
+    ("armature", {"inertia": 0.4}, (UPRIGHT, 0, 20.0), 11.0 + 8.0),
+    ("torque_scale", {"scale": 0.2}, (0, 0, 0), -9.81 / 1.2),
+    ("torque_offset", {"torque": 1.5}, (0, 0, 0), -9.81 - 1.5),
+    ("actuator_delay", {"delay": 0.02}, (0, 0, 0), -9.81),
+    # 0.3 rad are read where the rod is level
+    ("encoder_offset", {"offset": 0.3}, (0.3, 0, 0), -9.81),
+    # cos 0.6
+    ("encoder_offset", {"offset": -0.3}, (0.3, 0, 0), -9.81 * 0.8253356149096783),
+]  # fmt: skip
+"""Effect, values, position, velocity and acceleration, which do not change for a second, and torque."""
 
 
-@pytest.mark.parametrize(("name", "values", "motion", "expected"), OF_PENDULUM)
+@pytest.mark.parametrize(("name", "values", "state", "expected"), OF_PENDULUM)
 def test_torque_of_a_pendulum(
     pendulum: NominalArm,
     name: str,
     values: dict[str, float],
-    motion: Motion,
+    state: tuple[float, float, float],
     expected: float,
 ) -> None:
-    assert torque(pendulum, motion, applied(name, **values)) == pytest.approx(
-        expected, abs=1e-9
-    )
+    motion = Motion(np.arange(11) / 10, *(np.full((11, 1), x) for x in state))
+    corrected = CorrectedArm(pendulum, (AppliedEffect(name, (1,), values),))
+    torque = corrected.predict(RigidBody(pendulum), motion)
+    assert torque[5, 0] == pytest.approx(expected, abs=1e-9)
 
 
 # Presliding: dry friction that builds up over a distance after each reversal.
@@ -295,14 +235,12 @@ def test_steps_between_the_same_places_do_not_matter() -> None:
 
 
 def test_without_distance_it_is_the_sign_of_the_velocity(pendulum: NominalArm) -> None:
-    t = np.linspace(0.0, 4.0, 401)[:, None]
-    motion = Motion(t[:, 0], np.sin(t), np.cos(t), -np.sin(t))
-    body = RigidBody(pendulum)
-    at_once = CorrectedArm(pendulum, (COULOMB,)).predict(body, motion)
-    bent_arm = replace(pendulum, presliding=[1e-7])
-    bent = CorrectedArm(bent_arm, (COULOMB,)).predict(body, motion)
-    moving = np.abs(motion.dq[:, 0]) > 0.05
-    np.testing.assert_allclose(bent[moving], at_once[moving], atol=1e-6)
+    body, bent = RigidBody(pendulum), replace(pendulum, presliding=[1e-7])
+    found, at_once = (
+        CorrectedArm(arm, (COULOMB,)).predict(body, SINE) for arm in (bent, pendulum)
+    )
+    moving = np.abs(SINE.dq[:, 0]) > 0.05
+    np.testing.assert_allclose(found[moving], at_once[moving], atol=1e-6)
 
 
 def test_the_corrected_file_holds_it(pendulum: NominalArm, tmp_path) -> None:
