@@ -41,14 +41,8 @@ from gapscope.effects.setup_faults import (
 def recording() -> Recording:
     t = np.arange(0.0, 2.0, 0.004)
     q = np.sin(np.outer(t, [1.0, 2.0, 3.0]))
-    return Recording(
-        "r",
-        t,
-        q,
-        10 * q + [1.0, 2.0, 3.0],
-        dq=np.gradient(q, t, axis=0),
-        q_ref=1.01 * q,
-    )
+    dq = np.gradient(q, t, axis=0)
+    return Recording("r", t, q, 10 * q + [1.0, 2.0, 3.0], dq=dq, q_ref=1.01 * q)
 
 
 @cache
@@ -62,58 +56,61 @@ def _apply(fault: Fault, recording: Recording) -> Recording:
     return fault.apply(recording, np.random.default_rng(0), _arm())
 
 
-def _factors(x: list[float], *channels: str) -> dict[str, object]:
-    """What channels are multiplied by."""
-    return {channel: lambda r, c=channel: getattr(r, c) * x for channel in channels}
+Change = Callable[[np.ndarray], np.ndarray]
 
 
-MOTION = ("q", "dq", "q_ref")
-SWAPPED = {"tau": lambda r: r.tau[:, [2, 1, 0]]}
-MADE = [
-    (SignFlip((2,), "joint"), _factors([1, -1, 1], *MOTION, "tau")),
-    (SignFlip((2,)), _factors([1, -1, 1], "tau")),
-    (JointSwap((1, 3)), SWAPPED),
-    (
-        JointSwap((1, 3), "joint"),
-        SWAPPED
-        | {x: lambda r, x=x: getattr(r, x)[:, [2, 1, 0]] for x in ("q", "q_ref")},
-    ),
-    (UnitMismatch("degrees"), _factors([180 / np.pi] * 3, *MOTION)),
-    (UnitMismatch("milliseconds"), {"t": lambda r: 1e3 * r.t}),
-    (
-        UnitMismatch("motor_side", (2,), 50.0),
-        _factors([1, 50, 1], *MOTION) | _factors([1, 0.02, 1], "tau"),
-    ),
-    (
-        TorqueUnit("current", factor=(12.0, 12.0, 8.0)),
-        _factors([1 / 12, 1 / 12, 1 / 8], "tau"),
-    ),
-    (TorqueUnit("command_scale", (1, 2), (0.25,)), _factors([4, 4, 1], "tau")),
-    (
-        ZeroOffset((2,), np.pi / 2),
-        {
-            x: lambda r, x=x: np.add(getattr(r, x), [0, np.pi / 2, 0])
-            for x in ("q", "q_ref")
-        },
-    ),
-    (VelocityOfReference(), {"dq": lambda r: np.gradient(r.q_ref, r.t, axis=0)}),
-]
+def _times(*factors: float) -> Change:
+    return lambda series: series * factors
+
+
+def _swapped(series: np.ndarray) -> np.ndarray:
+    return series[:, [2, 1, 0]]
+
+
+def _further(series: np.ndarray) -> np.ndarray:
+    return np.add(series, [0, np.pi / 2, 0])
+
+
+NEGATED, GEARED, DEGREES = (
+    _times(1, -1, 1),
+    _times(1, 50, 1),
+    _times(*[180 / np.pi] * 3),
+)
+MADE: list[tuple[Fault, dict[str, Change]]] = [
+    (SignFlip((2,), "joint"), {"q": NEGATED, "dq": NEGATED, "q_ref": NEGATED, "tau": NEGATED}),
+    (SignFlip((2,)), {"tau": NEGATED}),
+    (JointSwap((1, 3)), {"tau": _swapped}),
+    (JointSwap((1, 3), "joint"), {"q": _swapped, "q_ref": _swapped, "tau": _swapped}),
+    (UnitMismatch("degrees"), {"q": DEGREES, "q_ref": DEGREES}),
+    (UnitMismatch("milliseconds"), {"t": lambda t: 1e3 * t}),
+    (UnitMismatch("motor_side", (2,), 50.0), {"q": GEARED, "q_ref": GEARED, "tau": _times(1, 0.02, 1)}),
+    (TorqueUnit("current", factor=(12.0, 12.0, 8.0)), {"tau": _times(1 / 12, 1 / 12, 1 / 8)}),
+    (TorqueUnit("command_scale", (1, 2), (0.25,)), {"tau": _times(4, 4, 1)}),
+    (ZeroOffset((2,), np.pi / 2), {"q": _further, "q_ref": _further}),
+]  # fmt: skip
+"""Faults and what they make of channels."""
 
 
 @pytest.mark.parametrize(("fault", "made"), MADE, ids=[str(fault) for fault, _ in MADE])
 def test_what_a_fault_makes_of_channels(
-    fault: Fault, made: dict, recording: Recording
+    fault: Fault, made: dict[str, Change], recording: Recording
 ) -> None:
     """What it does not name stays as it is, torque sensors beside a torque in another unit too."""
     recording = replace(recording, tau_sensor=recording.tau)
     spoilt = _apply(fault, recording)
-    for channel in ("t", *MOTION, "tau"):
-        same = getattr(recording, channel)
-        expected = made[channel](recording) if channel in made else same
+    for channel in ("t", "q", "dq", "q_ref", "tau"):
+        series = getattr(recording, channel)
+        expected = made[channel](series) if channel in made else series
         if not (channel == "dq" and fault.name in ("unit_mismatch", "joint_swap")):
             np.testing.assert_allclose(getattr(spoilt, channel), expected, rtol=1e-9)
     if fault.name == "torque_unit":
         np.testing.assert_array_equal(spoilt.tau_sensor, recording.tau)
+
+
+def test_velocities_of_the_reference(recording: Recording) -> None:
+    spoilt = _apply(VelocityOfReference(), recording)
+    expected = np.gradient(recording.q_ref, recording.t, axis=0)
+    np.testing.assert_allclose(spoilt.dq, expected, rtol=1e-9)
 
 
 def test_time_stamps(recording: Recording) -> None:
@@ -170,12 +167,9 @@ def test_coarse_references(recording: Recording) -> None:
     held = _apply(CoarseReference("held", 0.02), recording)
     np.testing.assert_array_equal(held.q_ref[10:15], recording.q_ref[[10] * 5])
     lines = _apply(CoarseReference("interpolated", 0.02), recording)
-    np.testing.assert_allclose(
-        lines.q_ref[12], 0.6 * recording.q_ref[10] + 0.4 * recording.q_ref[15]
-    )
-    np.testing.assert_allclose(
-        lines.dq_ref[12], (recording.q_ref[15] - recording.q_ref[10]) / 0.02
-    )
+    before, after = recording.q_ref[[10, 15]]
+    np.testing.assert_allclose(lines.q_ref[12], 0.6 * before + 0.4 * after)
+    np.testing.assert_allclose(lines.dq_ref[12], (after - before) / 0.02)
 
 
 def test_gains_declared_are_those_at_work_over_the_factors(
@@ -236,21 +230,17 @@ def test_what_cannot_be_is_refused(
     assert caught.value.remedy or "expected two joints" in str(caught.value)
 
 
+REFERENCES = Path(__file__).parents[2] / "docs" / "references.md"
+
+
 @pytest.mark.parametrize("kind", FAULTS.values(), ids=FAULTS)
 def test_contract_of_every_fault(kind: type[Fault]) -> None:
     """Described, with typical values within the bounds."""
     assert kind.scope in ("joint", "arm") and kind.looks_like
-    assert f"**{kind.reference}**" in (
-        Path(__file__).parents[2] / "docs" / "references.md"
-    ).read_text(encoding="utf-8")
+    assert f"**{kind.reference}**" in REFERENCES.read_text(encoding="utf-8")
     for parameter in kind.parameters:
-        assert (
-            parameter.unit
-            and parameter.bounds[0]
-            <= parameter.typical[0]
-            < parameter.typical[1]
-            <= parameter.bounds[1]
-        )
+        (least, most), (low, high) = parameter.bounds, parameter.typical
+        assert parameter.unit and least <= low < high <= most
 
 
 JOINTS = {"sign_flip": (2,), "joint_swap": (1, 2), "zero_offset": (2,)}
@@ -268,14 +258,10 @@ def _examples(kind: type[Fault]) -> list[Fault]:
 
 
 LOST = {
-    ("time_stamps", "gaps"),
-    ("time_stamps", "repeats"),
-    ("time_stamps", "jitter"),
+    *(("time_stamps", variant) for variant in ("gaps", "repeats", "jitter")),
     ("late_torque", "filter"),
-    ("coarse_reference", "held"),
-    ("coarse_reference", "interpolated"),
-    ("unmeasured_torque", ""),
-    ("velocity_of_reference", ""),
+    *(("coarse_reference", variant) for variant in CoarseReference.variants),
+    *((kind.name, "") for kind in (UnmeasuredTorque, VelocityOfReference)),
     ("ignored_velocity_reference", ""),
 }
 """Faults that lose what no reading brings back, or not all of it."""
@@ -287,9 +273,8 @@ def test_the_reading_of_a_fault_puts_right_what_the_fault_has_made(
 ) -> None:
     """Every channel of every row that is left, the arm's inertials and the controller's gains."""
     gains = PD(rate=1000.0, kp=np.full(3, 8.0), kd=np.ones(3))
-    planned = replace(
-        recording, dq_ref=1.01 * recording.dq, tau_sensor=recording.tau - 1.0
-    )
+    more = {"dq_ref": 1.01 * recording.dq, "tau_sensor": recording.tau - 1.0}
+    planned = replace(recording, **more)
     case = Case("c", Path(), _arm(), (planned,), controller=gains)
     for fault in _examples(kind):
         spoilt = fault.in_case(case, np.random.default_rng(0), case.arm)
@@ -307,16 +292,13 @@ def test_the_reading_of_a_fault_puts_right_what_the_fault_has_made(
         assert len(read.t) > 0.3 * len(planned.t)
         rows = np.searchsorted(planned.t, read.t - 1e-6)
         # lines between samples cut corners: where a late torque begins, and a reference comes to rest
-        slack = 0.05 if reading.differs("torque_delay", "torque_drift", "pace") else 0.0
+        late = reading.differs("torque_delay", "torque_drift", "pace")
+        inner, slack = (slice(-3), 0.05) if late else (slice(None), 1e-9)
         for channel, series in read.channels.items():
             expected = getattr(planned, channel)[rows]
-            inner = slice(None, -3 if slack else None)
-            np.testing.assert_allclose(
-                series[inner], expected[inner], atol=1e-9 + slack
-            )
-        assert _numbers(replace(right, recordings=())) == pytest.approx(
-            _numbers(replace(case, recordings=()))
-        )
+            np.testing.assert_allclose(series[inner], expected[inner], atol=slack)
+        back, before = (_numbers(replace(x, recordings=())) for x in (right, case))
+        assert back == pytest.approx(before)
 
 
 def _numbers(case: Case) -> list[float]:
@@ -361,7 +343,7 @@ def test_readings_of_faults_compose_invert_and_are_written(kind: type[Fault]) ->
             assert getattr(restored, name) == getattr(reading, name)
 
 
-SAID = (
+SAID = [
     "motion",
     "torque",
     "sensor",
@@ -370,5 +352,5 @@ SAID = (
     "gravity",
     "lead",
     "pace",
-)
+]
 """What ``mend:`` can say of a reading."""
