@@ -3,7 +3,6 @@
 import sys
 import types
 import warnings
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,67 +27,55 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.interface.models import export
 
 BODY = (
-    '<inertial><origin xyz="{0}"/><mass value="{1}"/>'
-    '<inertia ixx="{2}" iyy="{2}" izz="{2}" ixy="0" ixz="0" iyz="0"/></inertial>'
+    '<inertial><origin xyz="0 0 0.1"/><mass value="{0}"/>'
+    '<inertia ixx="{1}" iyy="{1}" izz="{1}" ixy="0" ixz="0" iyz="0"/></inertial>'
 )
 
 
-def link(name: str, mass: float = 0, at: str = "0 0 0.1", moment: float = 0.01) -> str:
-    inertial = BODY.format(at, mass, moment) if mass else ""
+def link(name: str, mass: float = 0, moment: float = 0.01) -> str:
+    inertial = BODY.format(mass, moment) if mass else ""
     return f'<link name="{name}">{inertial}</link>'
 
 
+LIMIT = '<limit lower="-2" upper="2" effort="50" velocity="2"/>'
+
+
 def joint(
-    name: str,
-    parent: str,
-    child: str,
-    kind: str = "revolute",
-    at: str = "0 0 0.3",
-    more: str = "",
+    name: str, parent: str, child: str, kind: str = "revolute", more: str = ""
 ) -> str:
     return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>'
-        f'<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="50" velocity="2"/>{more}</joint>'
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0 0 0.3"/><axis xyz="0 1 0"/>{LIMIT}{more}</joint>'
     )
 
 
 FOLLOWS = '<mimic joint="finger_1" multiplier="-1"/>'
-ARM = [
-    joint("shoulder", "torso", "upper"),
-    link("upper", 3),
-    joint("elbow", "upper", "lower"),
-    link("lower", 2),
-    joint("flange", "lower", "hand", kind="fixed"),
-    link("hand", 0.5),
-]
-FINGERS = [
-    joint("finger_1", "hand", "left", "prismatic"),
-    link("left", 0.2),
-    joint("finger_2", "hand", "right", "prismatic", more=FOLLOWS),
-    link("right", 0.2),
-]
-BASE = [
-    link("world"),
-    joint("drive", "world", "base", kind="floating", at="0 0 0"),
-    link("base", 20),
-    joint("wheel", "base", "tyre", kind="continuous"),
-    link("tyre", 1),
-    joint("whip", "base", "antenna", kind="fixed"),
-    link("antenna", 1e-6, moment=-1e-8),
-    joint("lean", "base", "torso"),
-    link("torso", 8),
-]
+ARM = (
+    joint("shoulder", "torso", "upper") + link("upper", 3)
+    + joint("elbow", "upper", "lower") + link("lower", 2)
+    + joint("flange", "lower", "hand", "fixed") + link("hand", 0.5)
+)  # fmt: skip
+FINGERS = (
+    joint("finger_1", "hand", "left", "prismatic") + link("left", 0.2)
+    + joint("finger_2", "hand", "right", "prismatic", FOLLOWS) + link("right", 0.2)
+)  # fmt: skip
+ANTENNA = link("antenna", 1e-6, moment=-1e-8)
+LEAN = joint("lean", "base", "torso") + link("torso", 8)
+BASE = (
+    link("world") + joint("drive", "world", "base", "floating") + link("base", 20)
+    + joint("wheel", "base", "tyre", "continuous") + link("tyre", 1)
+    + joint("whip", "base", "antenna", "fixed") + ANTENNA + LEAN
+)  # fmt: skip
 
 
-def robot(folder: Path, *parts: list[str]) -> Path:
+def robot(folder: Path, *parts: str) -> Path:
     folder.mkdir(exist_ok=True)
     path = folder / "robot.urdf"
-    text = "".join(element for part in parts for element in part)
-    path.write_text(f'<robot name="tree">{text}</robot>')
+    path.write_text(f'<robot name="tree">{"".join(parts)}</robot>')
     return path
 
 
-TORSO = [link("torso")]
+TORSO = link("torso")
 CHAIN = {"chain": ["torso", "hand"]}
 
 
@@ -111,7 +98,7 @@ def test_a_chain_is_the_arm_alone_with_what_hangs_beyond_its_tip(
     arm, notes = notes_of(robot(tmp_path, BASE, ARM, FINGERS), **CHAIN)
     assert arm.joints == ("shoulder", "elbow") and "wheel" not in notes
     assert all(x in notes for x in ("antenna", "drive", "lean", "finger_1"))
-    fixed = [text.replace('"prismatic"', '"fixed"') for text in FINGERS]
+    fixed = FINGERS.replace('"prismatic"', '"fixed"')
     plain = load_nominal_arm(robot(tmp_path / "plain", TORSO, ARM, fixed))
     np.testing.assert_allclose(torque(arm), torque(plain), atol=1e-12)
 
@@ -120,19 +107,16 @@ def test_a_chain_is_the_arm_alone_with_what_hangs_beyond_its_tip(
 def test_inertials_move_in_a_file_of_any_encoding(
     tmp_path: Path, encoding: str
 ) -> None:
-    path = robot(tmp_path, [link("torso", 1)], ARM)
+    path = robot(tmp_path, link("torso", 1), ARM)
     moved = torque(shifted_arm(load_nominal_arm(path), 1))
     text = f'<?xml version="1.0" encoding="{encoding}"?><!-- Grüße -->'
     path.write_text(text + path.read_text(), encoding)
     np.testing.assert_array_equal(torque(shifted_arm(load_nominal_arm(path), 1)), moved)
 
 
-WHIP = [
-    joint("whip", "upper", "antenna", kind="fixed"),
-    link("antenna", 1e-6, moment=-1e-8),
-]
-FAR = [ARM[0].replace('upper="2"', 'upper="far"'), *ARM[1:]]
-BRAKED = [ARM[0].replace("<axis", '<dynamics damping="-2"/><axis'), *ARM[1:]]
+WHIP = joint("whip", "upper", "antenna", "fixed") + ANTENNA
+FAR = ARM.replace('upper="2"', 'upper="far"', 1)
+BRAKED = ARM.replace("<axis", '<dynamics damping="-2"/><axis', 1)
 REFUSED = [
     ((BASE, ARM), {"chain": ["hand", "torso"]}, "does not hang on 'hand'"),
     ((BASE, ARM), {"chain": ["torso", "hands"]}, "did you mean 'hand'"),
@@ -141,7 +125,7 @@ REFUSED = [
     ((BASE, ARM, FINGERS), {**CHAIN, "locked": {"finger": 1}}, "no movable joint 'finger'"),
     ((TORSO, BRAKED), {}, "joint shoulder: its damping is -2, expected zero or above"),
     ((TORSO, FAR), {}, "joint shoulder, <limit upper>: expected a number"),
-    ((BASE, ARM, [link("adrift")]), {}, "several bases: world, adrift(?s:.*)chain:"),
+    ((BASE, ARM, link("adrift")), {}, "several bases: world, adrift(?s:.*)chain:"),
 ]  # fmt: skip
 
 
@@ -181,56 +165,51 @@ def test_a_follower_weighs_on_its_master(tmp_path: Path) -> None:
     np.testing.assert_allclose(arm.armature, [0, 0, 0.2])
 
 
-def test_a_case_in_a_larger_tree_reads_back_as_the_same_arm(tmp_path: Path) -> None:
+def test_a_locked_joint_stands_at_the_mean_of_a_column_and_is_written(
+    tmp_path: Path,
+) -> None:
     tree, t = robot(tmp_path, TORSO, ARM, FINGERS), np.arange(0, 2, 0.01)
-    q = np.sin(t)[:, None] * np.ones(2)
-    locked = {"finger_1": 0.1}
-    case = Case.from_arrays(tree, t=t, q=q, tau=q, **CHAIN, locked=locked)
-    read = load_case(write_case(case, tmp_path / "case"))
-    assert read.arm.locked == case.arm.locked
-    np.testing.assert_allclose(torque(read.arm), torque(case.arm))
-
-
-def test_a_locked_joint_stands_at_the_mean_of_a_column(tmp_path: Path) -> None:
-    robot(tmp_path, TORSO, ARM, FINGERS)
-    t = np.arange(0, 2, 0.01)
     both = np.sin(t)[:, None] * np.ones(2)
     columns = numbered({"t": t, "q": both, "tau": both, "gripper": 0.3 + 0 * t})
     write_columns(columns, tmp_path / "a.csv")
     text = "name: x\nrobot: robot.urdf\nchain: [torso, hand]\nrecordings: [a.csv]\n"
     (tmp_path / "case.yaml").write_text(text + "locked: {finger_1: gripper}\n")
-    found = load_case(tmp_path).arm.locked
-    assert found == pytest.approx({"finger_1": 0.3, "finger_2": -0.3})
+    case = load_case(tmp_path)
+    found = pytest.approx({"finger_1": 0.3, "finger_2": -0.3})
+    assert case.arm.locked == found
+    locked = {"finger_1": 0.3}
+    memory = Case.from_arrays(tree, t=t, q=both, tau=both, **CHAIN, locked=locked)
+    for other in (memory, load_case(write_case(case, tmp_path / "case"))):
+        assert other.arm.locked == found
+        np.testing.assert_allclose(torque(other.arm), torque(case.arm), atol=1e-9)
     # a cell without a value has no say
     lines = (tmp_path / "a.csv").read_text().split("\n")
     lines[9] = lines[9].rpartition(",")[0] + ","
     (tmp_path / "a.csv").write_text("\n".join(lines))
-    assert load_case(tmp_path).arm.locked == pytest.approx(found)
+    assert load_case(tmp_path).arm.locked == found
     (tmp_path / "case.yaml").write_text(text + "locked: {finger_1: grip}\n")
     with pytest.raises(InputError, match="field locked.finger_1.*'grip'"):
         load_case(tmp_path)
 
 
 def test_an_exported_urdf_keeps_locked_joints_in_place(tmp_path: Path) -> None:
-    tree = robot(tmp_path, [link("base"), *BASE[7:]], ARM, FINGERS)
-    locked = {"lean": 0.5, "finger_1": 0.4}
-    arm = load_nominal_arm(tree, **CHAIN, locked=locked)
-    out = tmp_path / "out.urdf"
-    export(CorrectedArm(arm, ()), out)
-    exported = load_nominal_arm(out)
+    tree = robot(tmp_path, link("base"), LEAN, ARM, FINGERS)
+    arm = load_nominal_arm(tree, **CHAIN, locked={"lean": 0.5, "finger_1": 0.4})
+    export(CorrectedArm(arm, ()), tmp_path / "out.urdf")
+    exported = load_nominal_arm(tmp_path / "out.urdf")
     assert exported.joints == arm.joints
     np.testing.assert_allclose(torque(exported), torque(arm), atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("arm.urdf.xacro", "<robot/>"),
-        ("arm.urdf", '<robot><link name="${prefix}base"/></robot>'),
-        ("arm.urdf", '<robot><mesh filename="$(find ur)/a.stl"/></robot>'),
-        ("arm.urdf", "<robot><xacro:include filename='a'/></robot>"),
-    ],
-)
+XACRO = [
+    ("arm.urdf.xacro", "<robot/>"),
+    ("arm.urdf", '<robot><link name="${prefix}base"/></robot>'),
+    ("arm.urdf", '<robot><mesh filename="$(find ur)/a.stl"/></robot>'),
+    ("arm.urdf", "<robot><xacro:include filename='a'/></robot>"),
+]
+
+
+@pytest.mark.parametrize(("name", "text"), XACRO)
 def test_xacro_is_refused_with_the_command_that_expands_it(
     name: str, text: str, tmp_path: Path
 ) -> None:
@@ -266,7 +245,8 @@ MJCF = """<mujoco model="hand">
       <body name="right"><joint name="f2" type="slide" axis="0 1 0"/>
         <inertial pos="0 0 0" mass=".2" diaginertia="1e-4 1e-4 1e-4"/></body>
     </body></body></worldbody>
-  <equality><joint joint1="f2" joint2="f1" polycoef="0 -1 0 0 0"/>{equality}</equality>
+  <equality><joint joint1="f2" joint2="f1" polycoef="0 -1 0 0 0"/>
+    <connect body1="left" body2="right" anchor="0 0 0"/></equality>
   <actuator><position joint="shoulder" gear="2" forcerange="-10 10"/>
     <general joint="f1" biastype="affine" gainprm="300" biasprm="0 -300 -7" forcerange="-4 4"/></actuator>
 </mujoco>"""
@@ -274,9 +254,7 @@ MJCF = """<mujoco model="hand">
 
 def test_an_mjcf_hand_follows_and_tells_its_gains(tmp_path: Path) -> None:
     path = tmp_path / "hand.xml"
-    path.write_text(
-        MJCF.format(equality='<connect body1="left" body2="right" anchor="0 0 0"/>')
-    )
+    path.write_text(MJCF)
     arm, notes = notes_of(path)
     assert arm.joints == ("shoulder", "f1") and arm.sliding == (False, True)
     np.testing.assert_allclose(arm.armature, [0, 0.2])
@@ -289,7 +267,7 @@ def test_an_mjcf_hand_follows_and_tells_its_gains(tmp_path: Path) -> None:
 
 
 def test_links_may_be_called_like_their_joints(tmp_path: Path) -> None:
-    renamed = [x.replace("shoulder", "upper").replace("elbow", "lower") for x in ARM]
+    renamed = ARM.replace("shoulder", "upper").replace("elbow", "lower")
     alike, other = (
         load_nominal_arm(robot(tmp_path / name, TORSO, parts), joints=[name])
         for name, parts in (("lower", renamed), ("elbow", ARM))
@@ -297,20 +275,15 @@ def test_links_may_be_called_like_their_joints(tmp_path: Path) -> None:
     np.testing.assert_allclose(torque(alike), torque(other))
 
 
+MESH = '<geometry><mesh filename="package://x/y.stl"/></geometry>'
+
+
 def test_missing_meshes_stop_nothing_but_collisions(tmp_path: Path) -> None:
-    tree = robot(tmp_path, TORSO, ARM)
-    root = ET.parse(tree).getroot()
-    for use in ("visual", "collision"):
-        shape = ET.SubElement(ET.SubElement(root.find("link"), use), "geometry")  # type: ignore[arg-type]
-        ET.SubElement(shape, "mesh", filename="package://none/a.stl")
-    tree.write_text(ET.tostring(root, encoding="unicode"))
-    arm = load_nominal_arm(tree)
+    shapes = f"<visual>{MESH}</visual><collision>{MESH}</collision></link>"
+    arm = load_nominal_arm(robot(tmp_path, TORSO.replace("</link>", shapes), ARM))
     for name in ("a.urdf", "a.xml", "a.sdf"):
         export(CorrectedArm(arm, ()), tmp_path / "out" / name)
     assert torque(arm).shape == (20, 2)
-
-
-LIMIT = '<limit lower="-2" upper="2" effort="50" velocity="2"/>'
 
 
 def beside(kind: str, old: str = "", new: str = "") -> str:
@@ -330,8 +303,7 @@ BESIDE = {
     "a link that hangs on nothing": link("tool changer"),
     "a joint to nowhere": joint("odd", "base", "nowhere"),
     "tags of simulators": '<gazebo reference="base"><x/></gazebo><material/><sensor/>',
-    "meshes": '<link name="a"><visual><geometry><mesh filename="package://x/y.stl"/>'
-    "</geometry><material/></visual><collision/></link>",
+    "meshes": f'<link name="a"><visual>{MESH}<material/></visual><collision/></link>',
 }
 
 
@@ -341,7 +313,7 @@ def test_what_does_not_concern_the_arm_is_not_read(
 ) -> None:
     sound, found = (
         load_nominal_arm(robot(tmp_path / name, BASE, ARM, more), **CHAIN)
-        for name, more in (("sound", []), ("odd", [BESIDE[beside]]))
+        for name, more in (("sound", ""), ("odd", BESIDE[beside]))
     )
     np.testing.assert_array_equal(torque(found), torque(sound))
 
@@ -357,8 +329,8 @@ NO_LIMITS = {
 def test_a_limit_of_the_arm_that_is_not_given_is_none(
     lacks: str, tmp_path: Path, silent: None
 ) -> None:
-    parts = [ARM[0].replace(LIMIT, NO_LIMITS[lacks]), *ARM[1:]]
-    path, said = robot(tmp_path, TORSO, parts), f"<limit> does not say {lacks}: none"
+    path = robot(tmp_path, TORSO, ARM.replace(LIMIT, NO_LIMITS[lacks], 1))
+    said = f"<limit> does not say {lacks}: none"
     with pytest.warns(ModelWarning, match=f"shoulder: {said}"):
         body = RigidBody(load_nominal_arm(path))
     assert (body.effort_limits()[0] == 0) == ("effort" in lacks)
