@@ -33,8 +33,7 @@ def test_what_is_written_for_mujoco_reads_back_as_the_same_arm(
     for inertial, link in zip(root.iter("inertial"), links, strict=True):
         inertial.set("mass", repr(link.mass))
         inertial.set("diaginertia", " ".join(map(repr, link.moments.tolist())))
-    (tmp_path / "plain.xml").write_text(ET.tostring(root, encoding="unicode"))
-    back = RigidBody(load_nominal_arm(tmp_path / "plain.xml"))
+    back = RigidBody(_load(tmp_path, ET.tostring(root, encoding="unicode")))
     samples = _samples(body.n_joints)
     expected, found = (x.inverse_dynamics(*samples) for x in (body, back))
     size = np.abs(expected).max()
@@ -79,7 +78,6 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"inertial": changed('"2"', '"nan"')}, "line 1, <inertial mass>: expected numbers, got 'nan'"),
     ({"inertial": changed('mass="2"', "")}, "<inertial>: is not valid MJCF: required attribute missing: 'mass'"),
     ({"inertial": '<inertial pos="0 0 0" mass="1"/>'}, "has no diaginertia"),
-    ({"inertial": changed("0.1 0.1", "0.1")}, "attribute 'diaginertia' does not have enough data"),
     ({"inertial": changed("0.1 0.1", "-0.1 0.1")}, f"{MOMENTS} -0.1, 0.02, 0.1 kg m^2"),
     ({"inertial": SIX}, f"{MOMENTS} -0.2, 0.1, 0.4 kg m^2"),
     (BY_MESH, "body rod: has no <inertial>, and its mass cannot be taken from the"),
@@ -109,30 +107,16 @@ LEFT_OUT: list[tuple[dict[str, str], str]] = [
     ({"joint": 'stiffness="5" springref="0.3"'}, f"{SPRING} 5, springref 0.3)"),
     ({"before": CLASSES}, f"{SPRING} 3, springref 0)"),
     ({"before": CLASSES, "joint": 'class="soft"'}, f"{SPRING} 5"),
-    (
-        {"after": '<actuator><velocity joint="hinge" kv="3"/></actuator>'},
-        "or speeds; as the controller: of a case, kp: [0], kd: [3]",
-    ),
+    ({"after": '<actuator><velocity joint="hinge" kv="3"/></actuator>'}, "controller: of a case, kp: [0], kd: [3]"),
     ({"after": EQUALITY}, "<equality><joint> of hinge is not read"),
     ({"inside": '<body name="tip" gravcomp="1"/>'}, "gravcomp of body tip is not read"),
     ({"joint": 'springdamper="0.1 1"'}, "springdamper of joint hinge is not read"),
-    (
-        {"inertial": '<geom size="0.1" shellinertia="true"/>'},
-        "shellinertia of body rod is not read",
-    ),
-    *(
-        ({"before": f'<compiler {name}="{value}"/>'}, f"<compiler {name}> is not read")
-        for name, value in (
-            ("boundmass", 0.1),
-            ("boundinertia", 0.1),
-            ("balanceinertia", "true"),
-        )
-    ),
-    (
-        {"inertial": '<geom size="0.1"/>'},
-        "body rod has no <inertial> and is weighed by its shapes",
-    ),
-]
+    ({"inertial": '<geom size="0.1" shellinertia="true"/>'}, "shellinertia of body rod is not read"),
+    ({"before": '<compiler boundmass="0.1"/>'}, "<compiler boundmass> is not read"),
+    ({"before": '<compiler boundinertia="0.1"/>'}, "<compiler boundinertia> is not read"),
+    ({"before": '<compiler balanceinertia="true"/>'}, "<compiler balanceinertia> is not read"),
+    ({"inertial": '<geom size="0.1"/>'}, "body rod has no <inertial> and is weighed by its shapes"),
+]  # fmt: skip
 
 
 @pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
@@ -141,14 +125,12 @@ def test_shapes_of_other_groups_weigh_nothing(tmp_path: Path) -> None:
     weighs = '<geom size="0.1" pos="0 0 0.2"/>'
     idle = '<geom size="0.3" group="3"/><geom type="mesh" mesh="hull" group="2"/>'
     before = MESH + '<compiler inertiagrouprange="0 1"/>'
-    samples = _samples(1)
     expected, found = (
-        RigidBody(_load(tmp_path, _one(inertial=x, before=before))).inverse_dynamics(
-            *samples
-        )
+        RigidBody(_load(tmp_path, _one(inertial=x, before=before)))
         for x in (weighs, weighs + idle)
     )
-    np.testing.assert_array_equal(found, expected)
+    masses = found.inertial_parameters()
+    np.testing.assert_array_equal(masses, expected.inertial_parameters())
 
 
 @pytest.mark.parametrize(("change", "message"), LEFT_OUT)
@@ -178,21 +160,20 @@ def test_gravity_of_the_file_counts_where_nothing_else_says_it(
 
 
 CLAMPED = 'actuatorfrcrange="-7 7"'
+TORQUES = [
+    ("", "", 0.0),
+    (CLAMPED, "", 7.0),
+    ("", 'motor ctrlrange="-3 4" gear="2"', 6.0),
+    ("", 'motor ctrlrange="-3 3" ctrllimited="false"', 0.0),
+    ("", 'general ctrlrange="-3 3" gainprm="10"', 30.0),
+    ("", 'position ctrlrange="-1 1" forcerange="-4 4"', 4.0),
+    ("", 'motor class="soft"', 2.0),
+    (CLAMPED, 'motor ctrllimited="false" gear="3"', 7.0),
+]
+"""What is said of joint and actuator, and the limit of torque [N m]."""
 
 
-@pytest.mark.parametrize(
-    ("joint", "actuator", "limit"),
-    [
-        ("", "", 0.0),
-        (CLAMPED, "", 7.0),
-        ("", 'motor ctrlrange="-3 4" gear="2"', 6.0),
-        ("", 'motor ctrlrange="-3 3" ctrllimited="false"', 0.0),
-        ("", 'general ctrlrange="-3 3" gainprm="10"', 30.0),
-        ("", 'position ctrlrange="-1 1" forcerange="-4 4"', 4.0),
-        ("", 'motor class="soft"', 2.0),
-        (CLAMPED, 'motor ctrllimited="false" gear="3"', 7.0),
-    ],
-)
+@pytest.mark.parametrize(("joint", "actuator", "limit"), TORQUES)
 def test_torque_limit_of_joint_and_actuator(
     tmp_path: Path, joint: str, actuator: str, limit: float
 ) -> None:
@@ -204,16 +185,12 @@ def test_torque_limit_of_joint_and_actuator(
     assert body.velocity_limits() == pytest.approx([0.0])
 
 
-def test_rotors_and_friction_of_the_file_are_the_data_sheet(tmp_path: Path) -> None:
+def test_rotors_and_friction_and_a_body_without_a_name(tmp_path: Path) -> None:
+    """Of classes in the file, and fixed to the rod or turning on it."""
     own = '<default><joint armature="0.05" frictionloss="0.4" damping="0.3"/></default>'
-    read = _load(tmp_path, _one(before=own))
+    read = _load(tmp_path, _one(f"<body>{INERTIAL}</body>", before=own))
     assert (read.armature, read.coulomb, read.viscous) == (0.05, 0.4, 0.3)
-
-
-def test_a_body_without_a_name_weighs_what_it_weighs(tmp_path: Path) -> None:
-    """Fixed to the rod, and turning on it."""
-    fixed = _load(tmp_path, _one(f"<body>{INERTIAL}</body>"))
-    assert RigidBody(fixed).inertial_parameters()[0] == 4.0
+    assert RigidBody(read).inertial_parameters()[0] == 4.0
     turning = _load(tmp_path, _one(f'<body>{INERTIAL}<joint name="tip"/></body>'))
     assert turning.joints == ("hinge", "tip")
 
