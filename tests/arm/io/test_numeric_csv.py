@@ -49,7 +49,6 @@ def test_what_is_no_row_of_numbers_is_left_to_the_text_reader(
 
 
 ROWS = np.round(np.random.default_rng(1).normal(size=(30, 3)), 6)
-NAMES = ["t", "q1", "q2"]
 
 
 def lines(delimiter: str, point: str, mixed: bool = False) -> list[str]:
@@ -60,30 +59,25 @@ def lines(delimiter: str, point: str, mixed: bool = False) -> list[str]:
     return [delimiter.join(row) for row in cells]
 
 
+HEADER = "t{d}q1{d}q2"
+ABOVE = {
+    "header": [HEADER],
+    "comments": ["# robot log", "", "# of a Monday", HEADER],
+    "remarks": ["Robot log{d}{d}", "Operator", "", HEADER],
+    "nothing": [],
+}
+
+
 @pytest.mark.parametrize("mixed", [False, True])
 @pytest.mark.parametrize(("delimiter", "point"), [(",", "."), (";", ","), ("\t", ",")])
-@pytest.mark.parametrize(
-    "above",
-    [
-        [],
-        ["# robot log", "", "# of a Monday"],
-        ["Robot log{d}{d}", "Operator", ""],
-        None,
-    ],
-)
+@pytest.mark.parametrize("above", ABOVE)
 def test_remarks_above_the_header_and_decimal_commas(
-    tmp_path: Path, above: list[str] | None, delimiter: str, point: str, mixed: bool
+    tmp_path: Path, above: str, delimiter: str, point: str, mixed: bool
 ) -> None:
     file, text = tmp_path / "log.csv", lines(delimiter, point, mixed)
-    # none: a file without a header
-    top = (
-        []
-        if above is None
-        else [*(x.replace("{d}", delimiter) for x in above), delimiter.join(NAMES)]
-    )
+    top = [line.replace("{d}", delimiter) for line in ABOVE[above]]
     file.write_text("\n".join([*top, *text]) + "\n", encoding="utf-8")
-    table = read_csv(file)
-    names = ["1", "2", "3"] if above is None else NAMES
+    table, names = read_csv(file), ["t", "q1", "q2"] if top else ["1", "2", "3"]
     assert list(table.columns) == names
     assert table.where(0, names[0]).startswith(f"line {len(top) + 1},")
     for name, expected in zip(names[:2], ROWS.T[:2], strict=True):
