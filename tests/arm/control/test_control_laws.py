@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from arms import ROD, chain
 
 from gapscope.arm.control import (
     LAWS,
@@ -17,9 +18,11 @@ from gapscope.arm.control import (
     ComputedTorque,
     ControlLoop,
     Targets,
+    feedforward,
     like_pd,
 )
 from gapscope.arm.controller import ANTI_WINDUP, Controller, Integrator
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import controller_section, parse_controller
 from gapscope.arm.io.json_file import schema
@@ -41,24 +44,22 @@ def torques(
     both = None if limit is None else np.full(2, limit)
     limited = NominalArm(arm.name, arm.urdf, arm.joints, torque_limit=both)
     loop, nothing = ControlLoop(law, limited), np.zeros(2)
-    targets = [
-        Targets(np.full(2, x), np.full(2, 0.5), nothing, nothing) for x in errors
-    ]
-    return [float(loop(target, nothing, nothing)[0]) for target in targets]
+    out = []
+    for error in errors:
+        targets = Targets(np.full(2, error), np.full(2, 0.5), nothing, nothing)
+        out.append(float(loop(targets, nothing, nothing)[0]))
+    return out
 
 
-def cascade() -> Cascade:
-    gains = {name: np.full(2, x) for name, x in (("kp", 4.0), ("kv", 1.0), ("ki", 2.0))}
-    return Cascade(rate=RATE, **gains)
-
-
+FOUR, ONE, TWO = (np.full(2, x) for x in (4.0, 1.0, 2.0))
+CASCADE = Cascade(rate=RATE, kp=FOUR, kv=ONE, ki=TWO)
 UP, SLACK = [1.0, 1.0, 1.0, -1.0], {"anti_windup": "none"}
 BACK = {"anti_windup": "back_calculation", "tracking_time": 0.2}
 TICKS: dict[str, tuple[Controller, list[float], float | None, list[float]]] = {
     # 2 * 1 + 1 * 0.5 + z with z = 0, 0.5, 1
     "pid": (pid(), [1, 1, 1], None, [2.5, 3.0, 3.5]),
     # velocity set 4 * 0.5 + 0.5 = 2.5 rad/s; torque 1 * 2.5 + z, z = 0, 0.1 * 2 * 2.5 = 0.5, 1
-    "cascade": (cascade(), [0.5, 0.5, 0.5], None, [2.5, 3.0, 3.5]),
+    "cascade": (CASCADE, [0.5, 0.5, 0.5], None, [2.5, 3.0, 3.5]),
     # three ticks want 2.5, then 2.5 + z with z > 0.3: the limit of 2.8 N m cuts the second and third;
     # z = 0, 0.5, stays 0.5 at the limit; the fourth tick: -2 + 0.5 + 0.5
     "clamped": (pid(), UP, 2.8, [2.5, 2.8, 2.8, -1.0]),
@@ -82,13 +83,11 @@ def test_ticks_by_hand(name: str, arm: NominalArm) -> None:
 def test_computed_torque_of_the_elbow(arm: NominalArm) -> None:
     """Shoulder still and upright: 0.14 kg m^2 times the acceleration, gravity of 1 kg at 0.2 m, friction 0.1 dq_ref."""
     law = ComputedTorque(rate=RATE, kp=np.full(2, 9.0), kd=np.full(2, 6.0))
-    q, dq = np.array([0.0, 0.3]), np.array([0.0, 0.0])
-    targets = Targets(
-        np.array([0.0, 0.5]), np.array([0.0, 0.2]), np.array([0.0, 1.0]), np.zeros(2)
-    )
+    q, planned = np.array([0.0, 0.3]), ([0.0, 0.5], [0.0, 0.2], [0.0, 1.0], [0.0, 0.0])
     acceleration = 1.0 + 9.0 * 0.2 + 6.0 * 0.2
     expected = 0.14 * acceleration - 9.81 * 0.2 * np.sin(0.3) + 0.1 * 0.2
-    assert ControlLoop(law, arm)(targets, q, dq)[1] == pytest.approx(expected)
+    torque = ControlLoop(law, arm)(Targets(*map(np.array, planned)), q, np.zeros(2))
+    assert torque[1] == pytest.approx(expected)
 
 
 def laws() -> list[Controller]:
@@ -121,9 +120,8 @@ def test_the_schema_knows_the_laws_and_their_gains() -> None:
         refused = rule["then"]["properties"].items()
         another = {"$ref": "#/$defs/of_another_law"}
         assert {key for key, value in refused if value == another} == others
-    assert section["integrator"]["properties"]["anti_windup"]["enum"] == list(
-        ANTI_WINDUP
-    )
+    kinds = section["integrator"]["properties"]["anti_windup"]["enum"]
+    assert kinds == list(ANTI_WINDUP)
     for law in LAWS.values():
         for gain in law.gains:
             assert gain.unit in section[gain.name]["description"], (law.kind, gain)
@@ -150,3 +148,14 @@ def test_a_section_at_fault_is_refused(section: dict[str, Any], message: str) ->
     with pytest.raises(InputError) as caught:
         parse_controller(PD_KEYS | section, 2, Path("case.yaml"))
     assert message in str(caught.value)
+
+
+def test_feedforward_by_hand(tmp_path: Path) -> None:
+    """A rod of 2 kg at 0.5 m along x, which gravity turns about +y, inertia 0.55 kg m^2 about the hinge."""
+    sheet = {"armature": [0.2], "coulomb": [3.0], "viscous": [0.7]}
+    rod = chain(tmp_path, "pendulum", ROD, **sheet)
+    q, dq, ddq = np.array([[0.0]]), np.array([[0.005]]), np.array([[2.0]])
+    nominal = -9.81 + (0.55 + 0.2) * 2.0 + 3.0 * np.tanh(1.0) + 0.7 * 0.005
+    for kind, expected in (("none", 0.0), ("gravity", -9.81), ("nominal", nominal)):
+        fed = feedforward(rod, RigidBody(rod), kind, q, dq, ddq)
+        np.testing.assert_allclose(fed, [[expected]], rtol=1e-12)

@@ -20,12 +20,6 @@ INERTIA, WEIGHT = 0.55, 9.81
 """Of the rod about its hinge [kg m^2], and its gravity torque at the horizontal [N m]."""
 
 
-def roll_out(loop, plant, commands, start=None):
-    """One series of commands."""
-    starts = None if start is None else [start]
-    return loop.roll_outs(plant, [commands], starts)[0]
-
-
 @pytest.fixture
 def rod(tmp_path):
     return chain(tmp_path, "rod", ROD)
@@ -38,11 +32,7 @@ def floating(rod):
 
 
 def plant_of(arm, armature=0.0, viscous=0.0, coulomb=0.0, offset=0.0):
-    n = arm.n_joints
-    laws = [
-        np.broadcast_to(np.asarray(x, dtype=float), n)
-        for x in (armature, viscous, coulomb, offset)
-    ]
+    laws = [x + np.zeros(arm.n_joints) for x in (armature, viscous, coulomb, offset)]
     return np.concatenate([RigidBody(arm).inertial_parameters(), *laws])
 
 
@@ -52,13 +42,13 @@ def pd(n, kp=0.0, kd=0.0, **other):
 
 def hold(duration, q):
     t = np.arange(round(duration * 1000) + 1) / 1000
-    q = np.broadcast_to(np.asarray(q, dtype=float), (len(t), len(np.atleast_1d(q))))
-    return Commands(t, q, np.zeros_like(q), np.zeros_like(q))
+    still = np.zeros((len(t), 1))
+    return Commands(t, still + q, still, still)
 
 
 def test_a_rod_without_friction_keeps_its_energy(rod):
     loop = ClosedLoop(RigidBody(rod), pd(1))
-    out = roll_out(loop, plant_of(rod), hold(5.0, [0.3]))
+    (out,) = loop.roll_outs(plant_of(rod), [hold(3.0, 0.3)])
     speed = np.gradient(out.q[:, 0], out.t)
     energy = 0.5 * INERTIA * speed**2 - WEIGHT * np.sin(out.q[:, 0])
     assert np.ptp(out.q) > 1.5
@@ -77,22 +67,21 @@ SLOWED = {
 def test_friction_slows_a_rod_down_and_holds_it(floating, name):
     friction, speed = SLOWED[name]
     plant = plant_of(floating, armature=0.45, **friction)
-    start = (np.zeros(1), np.ones(1))
+    starts = [(np.zeros(1), np.ones(1))]
     loop = ClosedLoop(RigidBody(floating), pd(1))
-    out = roll_out(loop, plant, hold(1.0, [0.0]), start)
+    (out,) = loop.roll_outs(plant, [hold(1.0, 0.0)], starts)
     # the dry law bends where it comes to rest
     apart = np.abs(out.t - 0.5) > 0.05
     found = np.gradient(out.q[:, 0], out.t)
     assert found[apart] == pytest.approx(speed(out.t[apart]), abs=2e-3)
 
 
-@pytest.fixture
-def motion(data_arm):
-    t = np.arange(1501) / 1000
+def commands_of(joints):
+    """Half a second of those joints of the iiwa."""
     rng = np.random.default_rng(0)
     rate, phase = rng.uniform(1, 4, 7), rng.uniform(0, 6, 7)
-    seen = sines(t, 0.5, rate, phase)
-    return Commands(t, seen.q, seen.dq, np.zeros_like(seen.q))
+    seen = sines(np.arange(501) / 1000, 0.5, rate[joints], phase[joints])
+    return Commands(seen.t, seen.q, seen.dq, np.zeros_like(seen.q))
 
 
 @pytest.fixture
@@ -102,40 +91,37 @@ def data_arm():
 
 
 SOFT = {"velocity_cutoff": 80.0}
+ALL = np.arange(7)
 
 
-def test_roll_outs_of_several_arms_at_once_are_those_one_by_one(data_arm, motion):
+def test_roll_outs_of_several_arms_at_once_are_those_one_by_one(data_arm):
     loop = ClosedLoop(RigidBody(data_arm), pd(7, 500, 50, **SOFT), np.full(7, 60.0))
     plants = plant_of(data_arm, 0.3, 2.0, 1.0, 0.2) * [[1.0], [1.1]]
-    short = Commands(
-        motion.t[:700] + 3.0, *(x[-700:] for x in (motion.q, motion.dq, motion.torque))
-    )
-    together = loop.roll_outs(plants, [motion, short])
-    for plant, commands, both in zip(plants, (motion, short), together, strict=True):
-        alone = roll_out(loop, plant, commands)
+    motion = commands_of(ALL)
+    parts = (x[-250:] for x in (motion.q, motion.dq, motion.torque))
+    both = [motion, Commands(motion.t[:250] + 3.0, *parts)]
+    together = loop.roll_outs(plants, both)
+    for plant, commands, out in zip(plants, both, together, strict=True):
+        (alone,) = loop.roll_outs(plant, [commands])
         for name in ("t", "q", "dq", "tau"):
-            assert getattr(both, name) == pytest.approx(getattr(alone, name), abs=1e-9)
+            assert getattr(out, name) == pytest.approx(getattr(alone, name), abs=1e-9)
 
 
-def test_joints_in_another_order_move_alike(data_arm, motion):
-    way = np.array([3, 0, 6, 1, 5, 2, 4])
-    other = NominalArm("other", data_arm.urdf, tuple(np.array(data_arm.joints)[way]))
-    swapped = Commands(
-        motion.t, motion.q[:, way], motion.dq[:, way], motion.torque[:, way]
-    )
+def test_joints_in_another_order_move_alike(data_arm):
+    way, tau = np.array([3, 0, 6, 1, 5, 2, 4]), []
     laws = np.arange(1.0, 8.0) * [[0.1], [1.0], [0.5], [0.2]]
-    out = []
-    for arm, commands, own in (
-        (data_arm, motion, laws),
-        (other, swapped, laws[:, way]),
-    ):
+    for joints in (ALL, way):
+        names = tuple(np.array(data_arm.joints)[joints])
+        arm = NominalArm("iiwa", data_arm.urdf, names)
         loop = ClosedLoop(RigidBody(arm), pd(7, 500, 50, **SOFT))
-        out.append(roll_out(loop, 1.1 * plant_of(arm, *own), commands))
-    assert out[1].tau == pytest.approx(out[0].tau[:, way], abs=1e-6)
+        plant = 1.1 * plant_of(arm, *laws[:, joints])
+        (out,) = loop.roll_outs(plant, [commands_of(joints)])
+        tau.append(out.tau)
+    assert tau[1] == pytest.approx(tau[0][:, way], abs=1e-6)
 
 
 def test_the_roll_out_that_runs_away_is_named_by_its_time(floating):
-    still = hold(5.0, [0.0])
+    still = hold(5.0, 0.0)
     commands = [still, replace(still, t=still.t + 100.0)]
     starts = [(np.zeros(1), speed) for speed in (np.zeros(1), np.ones(1))]
     loop = ClosedLoop(RigidBody(floating), pd(1, -2000.0))
