@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from arms import Link, written
 from cases import to_and_fro
 
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.write_case import write_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
@@ -59,3 +64,30 @@ def recording() -> Recording:
         dq + 2 * noise,
         30 + 0.1 * noise,
     )
+
+
+Load = Callable[..., Recording]
+
+
+@pytest.fixture
+def load(arm: NominalArm, tmp_path: Path) -> Load:
+    """What is read of the two-joint arm from a file of that content: a recording, columns, rows of cells, or bytes."""
+
+    def of(content: Any, name: str = "log.csv", **how: Any) -> Recording:
+        path = tmp_path / name
+        if isinstance(content, Recording):
+            write_recording(content, path)
+        elif path.suffix == ".npz":
+            np.savez(path, **content)
+        elif isinstance(content, bytes):
+            path.write_bytes(content)
+        else:
+            columns = content if isinstance(content, dict) else {}
+            rows = (
+                [columns, *zip(*columns.values(), strict=True)] if columns else content
+            )
+            with path.open("w", newline="") as file:
+                csv.writer(file).writerows(rows)
+        return load_recording(path, arm, **how)
+
+    return of

@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,13 +17,12 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.formats.table_files import read_parquet
 from gapscope.arm.io.import_section import Channel, Import, TimeColumn
 from gapscope.arm.io.load_recording import load_recording
-from gapscope.arm.io.table import numbered
-from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
 N = 50
 Rows = list[list[str]]
+Change = Callable[[Rows], Rows]
 
 
 def rows() -> Rows:
@@ -34,7 +34,7 @@ def rows() -> Rows:
     return [["t", "q1", "q2", "tau1", "tau2"], *lines]
 
 
-def cell(line: int, column: int, text: str) -> Callable[[Rows], Rows]:
+def cell(line: int, column: int, text: str) -> Change:
     """Put ``text`` into one cell."""
 
     def change(table: Rows) -> Rows:
@@ -44,7 +44,7 @@ def cell(line: int, column: int, text: str) -> Callable[[Rows], Rows]:
     return change
 
 
-def times(factor: float, column: int = 0) -> Callable[[Rows], Rows]:
+def times(factor: float, column: int = 0) -> Change:
     """Multiply one column."""
 
     def change(table: Rows) -> Rows:
@@ -56,7 +56,7 @@ def times(factor: float, column: int = 0) -> Callable[[Rows], Rows]:
     return change
 
 
-BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
+BAD: list[tuple[str, Change, str, str]] = [
     ("no header", lambda x: x[1:], "has no header, and so no column tau1; it has 5", "gapscope inspect log.csv tells"),
     ("header only", lambda x: x[:1], "has a header and no rows", "samples"),
     ("empty", lambda x: [], "is empty", "give a file with a header"),
@@ -77,7 +77,7 @@ BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
 ]  # fmt: skip
 
 
-LEFT_OUT: list[tuple[str, Callable[[Rows], Rows], int, str]] = [
+LEFT_OUT: list[tuple[str, Change, int, str]] = [
     ("nan", cell(31, 2, "nan"), 31, "column q2: is not a finite number (nan)"),
     ("inf", cell(31, 3, "inf"), 31, "column tau1: is not a finite number (inf)"),
     ("empty cell", cell(12, 3, ""), 12, "column tau1: the cell is empty"),
@@ -89,32 +89,21 @@ LEFT_OUT: list[tuple[str, Callable[[Rows], Rows], int, str]] = [
 ]  # fmt: skip
 
 
-def written(table: Rows, folder: Path) -> Path:
-    path = folder / "log.csv"
-    path.write_text("\n".join(",".join(row) for row in table))
-    return path
+Load = Callable[..., Recording]
 
 
 @pytest.fixture
-def sound(arm: NominalArm, tmp_path: Path) -> Recording:
-    return load_recording(written(rows(), tmp_path), arm)
+def sound(load: Load) -> Recording:
+    return load(rows())
 
 
-@pytest.mark.parametrize(
-    ("change", "line", "what"),
-    [pytest.param(*case[1:], id=case[0]) for case in LEFT_OUT],
-)
+@pytest.mark.parametrize(("label", "change", "line", "what"), LEFT_OUT)
 def test_a_damaged_row_is_left_out_with_its_place(
-    change: Callable[[Rows], Rows],
-    line: int,
-    what: str,
-    sound: Recording,
-    arm: NominalArm,
-    tmp_path: Path,
+    label: str, change: Change, line: int, what: str, sound: Recording, load: Load
 ) -> None:
-    path, kept = written(change(rows()), tmp_path), np.delete(np.arange(N), line - 2)
+    kept = np.delete(np.arange(N), line - 2)
     for every_row in (False, True):
-        found = load_recording(path, arm, complete=True, every_row=every_row)
+        found = load(change(rows()), complete=True, every_row=every_row)
         np.testing.assert_array_equal(found.q, sound.q[kept])
         np.testing.assert_allclose(found.t, sound.t[kept])
         said = f"rows left out that cannot be read: 1 of 50 (2.00%): line {line}"
@@ -122,56 +111,44 @@ def test_a_damaged_row_is_left_out_with_its_place(
 
 
 def test_many_damaged_rows_are_refused_all_at_once(
-    sound: Recording, arm: NominalArm, tmp_path: Path
+    sound: Recording, load: Load
 ) -> None:
     several, torques = rows(), rows()
     for line in range(10, 17):
         cell(line, line % 5, "#REF!")(several)
         cell(line, 3, "#REF!")(torques)
     with pytest.raises(InputError) as caught:
-        load_recording(written(several, tmp_path), arm)
+        load(several)
     text = str(caught.value)
     assert "7 of 50 rows cannot be read: line 10, column t: expected a number" in text
     assert "line 12, column q2" in text and "and 4 more" in text
     # what is not read may be damaged
     silent = Import(channels={**Import().channels, "tau": None})
-    found = load_recording(written(torques, tmp_path), arm, silent)
-    assert found.notes == sound.notes
+    assert load(torques, importing=silent).notes == sound.notes
 
 
-@pytest.mark.parametrize("ending", ["csv", "npz"])
-def test_a_block_without_values_is_a_pause(
-    ending: str, arm: NominalArm, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize(("ending", "place"), [("csv", "line 102"), ("npz", "row 101")])
+def test_a_block_without_values_is_a_pause(ending: str, place: str, load: Load) -> None:
     t = np.arange(500) / 100
-    q = np.column_stack([np.sin(9 * t), np.cos(9 * t)])
-    q[100:220, 1] = np.nan
-    path = tmp_path / f"log.{ending}"
-    if ending == "csv":
-        write_columns(numbered({"t": t, "q": q}), path)
-    else:
-        np.savez(path, t=t, q=q)
-    found = load_recording(path, arm)
+    columns = {"t": t, "q1": np.sin(9 * t), "q2": np.cos(9 * t)}
+    columns["q2"][100:220] = np.nan
+    found = load(columns, f"log.{ending}")
     assert len(found.t) == 380 and np.isfinite(found.q).all()
-    place = "line 102" if ending == "csv" else "row 101"
     pause = f"rows without values left out as pauses: 120 of 500 in 1 block: {place}"
     assert found.notes[0].startswith(f"{pause}, column q2")
     assert "gaps in time: 1, the longest 1.21" in "".join(found.notes)
     # every second row is none
-    q[100:220, 1], q[::2, 0] = 0.0, np.nan
-    np.savez(tmp_path / "log.npz", t=t, q=q)
-    with pytest.raises(InputError, match="250 of 500 rows cannot be read: row 1, col"):
-        load_recording(tmp_path / "log.npz", arm)
+    columns["q1"][::2] = np.nan
+    with pytest.raises(InputError, match="of 500 rows cannot be read: (line 2|row 1),"):
+        load(columns, f"log.{ending}")
 
 
-def test_the_number_of_a_row_counts_on_over_damaged_ones(
-    arm: NominalArm, tmp_path: Path
-) -> None:
-    path = written(cell(31, 1, "?")(rows()), tmp_path)
+def test_the_number_of_a_row_counts_on_over_damaged_ones(load: Load) -> None:
+    table = cell(31, 1, "?")(rows())
     counted = Import(time=TimeColumn(None, rate=100.0))
-    found = load_recording(path, arm, counted)
+    found = load(table, importing=counted)
     assert len(found.t) == N - 1 and found.t[-1] == pytest.approx(0.49)
-    part = load_recording(path, arm, counted, rows=(20, 39))
+    part = load(table, importing=counted, rows=(20, 39))
     assert len(part.t) == 19 and part.t[0] == pytest.approx(0.2)
 
 
@@ -182,8 +159,8 @@ def test_files_side_by_side_lose_the_same_rows(
     for name, columns, damaged in (("q", slice(0, 3), 9), ("tau", slice(3, 5), 20)):
         table = [row[columns] for row in rows()]
         table[damaged][0] = ""
-        (tmp_path / name).mkdir()
-        files[name] = written(table, tmp_path / name)
+        files[name] = tmp_path / f"{name}.csv"
+        files[name].write_text("\n".join(map(",".join, table)))
         channels[name] = Channel(name + "{j}", file=name, named=True)
     found = load_recording(files, arm, Import(channels=channels))
     kept = np.delete(np.arange(N), [8, 19])
@@ -192,104 +169,71 @@ def test_files_side_by_side_lose_the_same_rows(
     assert found.notes[0].startswith("rows left out that cannot be read: 2 of 50")
 
 
-@pytest.mark.parametrize(
-    ("change", "message", "remedy"),
-    [pytest.param(*case[1:], id=case[0]) for case in BAD],
-)
+@pytest.mark.parametrize(("label", "change", "message", "remedy"), BAD)
 def test_refused(
-    change: Callable[[Rows], Rows],
-    message: str,
-    remedy: str,
-    arm: NominalArm,
-    tmp_path: Path,
+    label: str, change: Change, message: str, remedy: str, load: Load, tmp_path: Path
 ) -> None:
-    path = written(change(rows()), tmp_path)
     with pytest.raises(InputError) as caught:
-        load_recording(path, arm, complete=True)
-    assert str(caught.value).startswith(str(path)) and message in str(caught.value)
+        load(change(rows()), complete=True)
+    assert str(caught.value).startswith(str(tmp_path / "log.csv"))
+    assert message in str(caught.value)
     assert remedy in caught.value.remedy and caught.value.exit_code == 2
 
 
-def test_sound(arm: NominalArm, tmp_path: Path) -> None:
-    path = written(rows(), tmp_path)
-    path.write_text(path.read_text().replace("\n", "\n\n"))
-    assert load_recording(path, arm, complete=True).notes == ()
+def test_sound(load: Load) -> None:
+    apart = [line for row in rows() for line in (row, [])]
+    assert load(apart, complete=True).notes == ()
     # beyond a limit of the joint, but no other unit
-    (note,) = load_recording(written(times(2.5, 2)(rows()), tmp_path), arm).notes
+    (note,) = load(times(2.5, 2)(rows())).notes
     assert note.startswith("q2 goes from -2.5")
     assert "elbow is limited to -2 to 2 rad" in note
 
 
-def test_a_reference_is_on_the_turn_of_its_joint(
-    arm: NominalArm, tmp_path: Path
-) -> None:
+def test_a_reference_is_on_the_turn_of_its_joint(load: Load) -> None:
     t = np.arange(500) / 100
     q = np.pi - 0.02 + np.sin(3 * t)[:, None] * np.ones(2)
     # counted from minus half a turn to half a turn
     q, q_ref = ((x + np.pi) % (2 * np.pi) - np.pi for x in (q, q + 0.05))
-    np.savez(tmp_path / "log.npz", t=t, q=q, q_ref=q_ref)
-    found = load_recording(tmp_path / "log.npz", arm, any_unit=True)
+    found = load({"t": t, "q": q, "q_ref": q_ref}, "log.npz", any_unit=True)
     np.testing.assert_allclose(found.q_ref - found.q, 0.05, atol=1e-9)
 
 
-WHOLE: list[tuple[str, bytes | None, str]] = [
-    ("absent.csv", None, "absent.csv: no such file or folder"),
+@pytest.mark.parametrize("value", [int("1" * 400), "error"])
+def test_what_is_no_number_in_json_is_damage_as_in_csv(
+    value: object, load: Load
+) -> None:
+    """A whole number of any length, and texts, which are no pause even in one block."""
+    head, *lines = rows()
+    numbers: list[list[Any]] = [list(map(float, row)) for row in lines]
+    for row in numbers[10:22]:
+        row[1] = value
+    objects = (dict(zip(head, row, strict=True)) for row in numbers)
+    text = "\n".join(map(json.dumps, objects)).encode()
+    with pytest.raises(
+        InputError, match="12 of 50 rows cannot be .* line 11, column q1"
+    ):
+        load(text, "log.jsonl")
+
+
+SHORT = {"t": np.arange(5.0), "q": np.zeros((4, 2))}
+WHOLE: list[tuple[str, Any, str]] = [
     ("log.xlsx", b"PK", "the ending '.xlsx' names no known format"),
     ("log.csv", b"t,q1\n\xff\xfe\x00", "is not a text in UTF-8"),
     ("log.csv", b't,"' + b"q1 " * 50_000, "is not valid CSV"),
     ("log.jsonl", b'[0.0]\n{"t": 0.1', "has no object of JSON on any line"),
-]  # fmt: skip
+    ("log.npz", {"q": np.zeros((100_000, 2))}, "has no column t; it has q1, q2"),
+    ("log.npz", SHORT, "its arrays differ in length: t 5, q1 4, q2 4"),
+]
 """Files that are no table at all."""
 
 
 @pytest.mark.parametrize(("name", "content", "message"), WHOLE)
-def test_what_is_no_table_is_refused(
-    name: str, content: bytes | None, message: str, arm: NominalArm, tmp_path: Path
+def test_what_is_no_table_is_refused_at_once(
+    name: str, content: Any, message: str, load: Load
 ) -> None:
-    if content is not None:
-        (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError, match=message):
-        load_recording(tmp_path / name, arm)
-
-
-def test_what_is_no_number_in_json_is_damage_as_in_csv(
-    arm: NominalArm, tmp_path: Path
-) -> None:
-    head, *lines = rows()
-    path, numbers = tmp_path / "log.jsonl", [list(map(float, row)) for row in lines]
-
-    def load() -> Recording:
-        objects = (dict(zip(head, row, strict=True)) for row in numbers)
-        path.write_text("\n".join(map(json.dumps, objects)))
-        return load_recording(path, arm)
-
-    # a whole number of any length
-    numbers[10][1] = int("1" * 400)
-    note = load().notes[0]
-    assert "line 11, column q1: is not a finite number (inf)" in note
-    # texts all in one block are no pause
-    for row in numbers[10:22]:
-        row[1] = "error"
-    with pytest.raises(
-        InputError, match="12 of 50 rows cannot be .* line 11, column q1"
-    ):
-        load()
-
-
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        ({"q": np.zeros((100_000, 2))}, "has no column t; it has q1, q2"),
-        ({"t": np.arange(5.0), "q": np.zeros((4, 2))}, "its arrays .* t 5, q1 4, q2 4"),
-    ],
-)
-def test_arrays_that_are_no_table_are_refused_at_once(
-    arrays: dict[str, np.ndarray], message: str, arm: NominalArm, tmp_path: Path
-) -> None:
-    np.savez(tmp_path / "log.npz", **arrays)
     begun = time.process_time()
     with pytest.raises(InputError, match=message):
-        load_recording(tmp_path / "log.npz", arm)
+        load(content, name)
     assert time.process_time() - begun < 1.0
 
 

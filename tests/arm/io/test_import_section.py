@@ -36,14 +36,13 @@ Read = Callable[..., Recording]
 
 
 @pytest.fixture
-def read(arm: NominalArm, tmp_path: Path) -> Read:
+def read(arm: NominalArm, load: Read) -> Read:
     """A recording from a CSV file of these columns, by default t at 100 Hz and q1, q2, through an import section."""
 
     def of(section: dict[str, Any] | None = None, **columns: Any) -> Recording:
         given = {"t": T, "q1": A, "q2": B} | columns
         kept = {key: series for key, series in given.items() if series is not None}
-        path = write(tmp_path / "a.csv", **kept)
-        return load_recording(path, arm, imported(arm, **section) if section else None)
+        return load(kept, importing=imported(arm, **section) if section else None)
 
     return of
 
@@ -178,9 +177,7 @@ def test_a_file_in_the_columns_of_the_case_format_is_read_as_such(read: Read) ->
     assert "in the columns of the case format" in recording.notes[0]
 
 
-def test_repeated_rows_are_dropped_and_reported(
-    read: Read, arm: NominalArm, tmp_path: Path
-) -> None:
+def test_repeated_rows_are_dropped_and_reported(read: Read, load: Read) -> None:
     t, stale = T.copy(), np.arange(N)
     stale[[10, 30, 31]] = [9, 29, 29]
     t[40] = t[39]
@@ -191,7 +188,7 @@ def test_repeated_rows_are_dropped_and_reported(
         "rows dropped that repeat the time stamp before them: 1",
         "rows dropped that repeat the measurement before them: 3 (5.00%)",
     )
-    assert len(load_recording(tmp_path / "a.csv", arm, every_row=True).t) == N
+    assert len(load({"t": t} | measured, every_row=True).t) == N
     # an arm that stands still keeps its rows
     still = np.minimum(np.arange(N), 20)
     assert len(read(q1=A[still], q2=B[still], tau1=B[still], tau2=A[still]).t) == N
@@ -246,9 +243,7 @@ def test_contradictions(
     assert text.startswith(f"case.yaml, field import.{field}: ") and message in text
 
 
-def test_a_count_that_starts_again_after_a_turn(
-    read: Read, arm: NominalArm, tmp_path: Path
-) -> None:
+def test_a_count_that_starts_again_after_a_turn(read: Read, load: Read) -> None:
     smooth, degrees = 0.3 * np.sin(np.arange(N) / 10) - 0.05, {"unit": "deg"}
     around = np.mod(np.rad2deg(smooth), 360)
     found = read({"q": {"column": "q{j}"} | degrees}, q1=around, q2=10 * B)
@@ -256,8 +251,7 @@ def test_a_count_that_starts_again_after_a_turn(
     assert found.notes[0] == "jumps by a turn between two samples taken back: q1"
     # steps of all sizes are no turns
     steps = np.linspace(0.5, 7.5, N)
-    path = write(tmp_path / "b.csv", t=T, q1=np.cumsum(steps), q2=B)
-    other = load_recording(path, arm, any_unit=True)
+    other = load({"t": T, "q1": np.cumsum(steps), "q2": B}, any_unit=True)
     np.testing.assert_allclose(np.diff(other.q[:, 0]), steps[1:])
 
 

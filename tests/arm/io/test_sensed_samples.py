@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from cases import to_and_fro
 
-from gapscope.arm.io.load_recording import load_recording
-from gapscope.arm.io.write_case import write_recording
-from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
 T = np.arange(2000) / 500
@@ -26,10 +22,7 @@ SOUND = Recording(
 )
 
 
-def read(recording: Recording, arm: NominalArm, folder: Path) -> Recording:
-    """The recording, written and read again."""
-    write_recording(recording, folder / "motion.csv")
-    return load_recording(folder / "motion.csv", arm)
+Load = Callable[..., Recording]
 
 
 def changed(channel: str, rows: slice | list[int], by: np.ndarray | float) -> Recording:
@@ -50,16 +43,16 @@ SPIKES = [
 
 @pytest.mark.parametrize(("channel", "rows", "by"), SPIKES)
 def test_spikes_are_replaced_by_the_curve_through_their_neighbours(
-    channel: str, rows: list[int], by: float, arm: NominalArm, tmp_path: Path
+    channel: str, rows: list[int], by: float, load: Load
 ) -> None:
     spiky = changed(channel, rows, by)
-    found = read(spiky, arm, tmp_path)
+    found = load(spiky)
     error = np.abs(getattr(found, channel) - getattr(SOUND, channel))
     assert error.max() < (1e-4 if channel == "q" else 0.5)
     assert np.delete(error, rows, axis=0).max() < 1e-6
     said = "spikes replaced by the curve through their neighbours"
     assert f"{said}: {channel}2 {len(rows)}" in found.notes
-    every = load_recording(tmp_path / "motion.csv", arm, every_row=True)
+    every = load(spiky, every_row=True)
     np.testing.assert_allclose(getattr(every, channel), getattr(spiky, channel))
 
 
@@ -78,20 +71,18 @@ KEPT: dict[str, Callable[[], Recording]] = {
 
 
 @pytest.mark.parametrize("label", KEPT)
-def test_what_an_arm_does_is_kept(label: str, arm: NominalArm, tmp_path: Path) -> None:
+def test_what_an_arm_does_is_kept(label: str, load: Load) -> None:
     recording = KEPT[label]()
-    found = read(recording, arm, tmp_path)
+    found = load(recording)
     assert found.notes == ()
     np.testing.assert_allclose(found.q, recording.q, atol=1e-6)
     np.testing.assert_allclose(found.tau, recording.tau, atol=1e-5)
 
 
-def test_rows_with_a_stuck_encoder_are_left_out(
-    arm: NominalArm, tmp_path: Path
-) -> None:
+def test_rows_with_a_stuck_encoder_are_left_out(load: Load) -> None:
     q = SOUND.q.copy()
     q[600:850, 0] = q[600, 0]
-    found = read(replace(SOUND, q=q), arm, tmp_path)
+    found = load(replace(SOUND, q=q))
     assert len(found.t) == len(T) - 249
     assert not ((found.t > T[600]) & (found.t < T[850])).any()
     note = "rows left out in which a position stands still and then leaps: 249 (12.45%), q1"
