@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
+Load = Callable[..., NominalArm]
 INERTIAL = '<inertial pos="0 0 0.2" mass="2" diaginertia="0.1 0.1 0.02"/>'
 
 
@@ -24,7 +26,7 @@ def _samples(n: int) -> np.ndarray:
 
 @pytest.mark.parametrize("robot", daily(KNOWN_ROBOTS, "franka_panda"))
 def test_what_is_written_for_mujoco_reads_back_as_the_same_arm(
-    robot: str, tmp_path: Path
+    robot: str, load: Load
 ) -> None:
     """Masses and moments, which are given to the engine after loading, are put into the text here."""
     body = RigidBody(load_nominal_arm(robot))
@@ -33,30 +35,26 @@ def test_what_is_written_for_mujoco_reads_back_as_the_same_arm(
     for inertial, link in zip(root.iter("inertial"), links, strict=True):
         inertial.set("mass", repr(link.mass))
         inertial.set("diaginertia", " ".join(map(repr, link.moments.tolist())))
-    back = RigidBody(_load(tmp_path, ET.tostring(root, encoding="unicode")))
+    back = RigidBody(load(ET.tostring(root, encoding="unicode")))
     samples = _samples(body.n_joints)
     expected, found = (x.inverse_dynamics(*samples) for x in (body, back))
     size = np.abs(expected).max()
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * size)
 
 
-def _one(
-    inside: str = "",
-    inertial: str = INERTIAL,
-    before: str = "",
-    joint: str = "",
-    after: str = "",
-) -> str:
-    """An arm of one joint, with this and that in it."""
-    return (
-        f'<mujoco model="one"><compiler angle="radian"/>{before}<worldbody><body name="rod">{inertial}'
-        f'<joint name="hinge" axis="0 1 0" {joint}/>{inside}</body></worldbody>{after}</mujoco>'
-    )
+@pytest.fixture
+def load(tmp_path: Path) -> Load:
+    """An arm of one joint from MJCF, with this and that in it; or of a whole text."""
 
+    def of(text="", *, inside="", inertial=INERTIAL, before="", joint="", after=""):
+        one = (
+            f'<mujoco model="one"><compiler angle="radian"/>{before}<worldbody><body name="rod">{inertial}'
+            f'<joint name="hinge" axis="0 1 0" {joint}/>{inside}</body></worldbody>{after}</mujoco>'
+        )
+        (tmp_path / "one.xml").write_text(text or one)
+        return load_nominal_arm(tmp_path / "one.xml")
 
-def _load(tmp_path: Path, text: str) -> NominalArm:
-    (tmp_path / "one.xml").write_text(text)
-    return load_nominal_arm(tmp_path / "one.xml")
+    return of
 
 
 MESH = '<asset><mesh name="hull" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>'
@@ -90,10 +88,10 @@ REFUSED: list[tuple[dict[str, str], str]] = [
 
 @pytest.mark.parametrize(("change", "message"), REFUSED)
 def test_what_would_be_read_as_something_else_is_refused(
-    tmp_path: Path, change: dict[str, str], message: str
+    load: Load, tmp_path: Path, change: dict[str, str], message: str
 ) -> None:
     with pytest.raises(InputError, match=re.escape(message)) as caught:
-        _load(tmp_path, _one(**change))
+        load(**change)
     assert caught.value.file == tmp_path / "one.xml" and caught.value.remedy
 
 
@@ -120,14 +118,13 @@ LEFT_OUT: list[tuple[dict[str, str], str]] = [
 
 
 @pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
-def test_shapes_of_other_groups_weigh_nothing(tmp_path: Path) -> None:
+def test_shapes_of_other_groups_weigh_nothing(load: Load) -> None:
     """Neither a sphere beside the one that weighs, nor a mesh."""
     weighs = '<geom size="0.1" pos="0 0 0.2"/>'
     idle = '<geom size="0.3" group="3"/><geom type="mesh" mesh="hull" group="2"/>'
     before = MESH + '<compiler inertiagrouprange="0 1"/>'
     expected, found = (
-        RigidBody(_load(tmp_path, _one(inertial=x, before=before)))
-        for x in (weighs, weighs + idle)
+        RigidBody(load(inertial=x, before=before)) for x in (weighs, weighs + idle)
     )
     masses = found.inertial_parameters()
     np.testing.assert_array_equal(masses, expected.inertial_parameters())
@@ -136,10 +133,10 @@ def test_shapes_of_other_groups_weigh_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("change", "message"), LEFT_OUT)
 @pytest.mark.filterwarnings("always::gapscope.arm.errors.ModelWarning")
 def test_what_is_left_out_is_told(
-    tmp_path: Path, change: dict[str, str], message: str
+    load: Load, change: dict[str, str], message: str
 ) -> None:
     with pytest.warns(ModelWarning, match=re.escape(message)):
-        _load(tmp_path, _one(**change))
+        load(**change)
 
 
 GRAVITY = {
@@ -151,11 +148,11 @@ GRAVITY = {
 
 @pytest.mark.parametrize("option", GRAVITY)
 def test_gravity_of_the_file_counts_where_nothing_else_says_it(
-    option: str, tmp_path: Path
+    option: str, load: Load
 ) -> None:
-    read = _load(tmp_path, _one(before=option))
+    read = load(before=option)
     np.testing.assert_array_equal(read.gravity, GRAVITY[option])
-    given = load_nominal_arm(tmp_path / "one.xml", gravity=[0, 0, -3.7])
+    given = load_nominal_arm(read.urdf, gravity=[0, 0, -3.7])
     np.testing.assert_array_equal(given.gravity, [0, 0, -3.7])
 
 
@@ -175,23 +172,23 @@ TORQUES = [
 
 @pytest.mark.parametrize(("joint", "actuator", "limit"), TORQUES)
 def test_torque_limit_of_joint_and_actuator(
-    tmp_path: Path, joint: str, actuator: str, limit: float
+    load: Load, joint: str, actuator: str, limit: float
 ) -> None:
     """As ``effort`` of a URDF, 0 where there is none."""
     before = CLASSES if "soft" in actuator else ""
     after = f'<actuator><{actuator} joint="hinge"/></actuator>' if actuator else ""
-    body = RigidBody(_load(tmp_path, _one(joint=joint, before=before, after=after)))
+    body = RigidBody(load(joint=joint, before=before, after=after))
     assert body.effort_limits() == pytest.approx([limit])
     assert body.velocity_limits() == pytest.approx([0.0])
 
 
-def test_rotors_and_friction_and_a_body_without_a_name(tmp_path: Path) -> None:
+def test_rotors_and_friction_and_a_body_without_a_name(load: Load) -> None:
     """Of classes in the file, and fixed to the rod or turning on it."""
     own = '<default><joint armature="0.05" frictionloss="0.4" damping="0.3"/></default>'
-    read = _load(tmp_path, _one(f"<body>{INERTIAL}</body>", before=own))
+    read = load(inside=f"<body>{INERTIAL}</body>", before=own)
     assert (read.armature, read.coulomb, read.viscous) == (0.05, 0.4, 0.3)
     assert RigidBody(read).inertial_parameters()[0] == 4.0
-    turning = _load(tmp_path, _one(f'<body>{INERTIAL}<joint name="tip"/></body>'))
+    turning = load(inside=f'<body>{INERTIAL}<joint name="tip"/></body>')
     assert turning.joints == ("hinge", "tip")
 
 
@@ -201,7 +198,7 @@ TURNS = ('xyaxes="1 0 0 0 0 1"', 'zaxis="0 -1 0"', 'euler="1.5708 0 0"')
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_several_joints_of_one_body_and_ways_to_say_a_turn_are_those_of_mujoco(
-    turn: str, tmp_path: Path
+    turn: str, load: Load
 ) -> None:
     mujoco = pytest.importorskip("mujoco")
     other = f'<body name="arm" pos="0 0 0.3" {turn}><joint name="lift" type="slide"/>'
@@ -212,7 +209,7 @@ def test_several_joints_of_one_body_and_ways_to_say_a_turn_are_those_of_mujoco(
     # two more bodies, which are only there once frame and replicate are resolved
     more = f'<replicate count="2" offset="0.1 0 0"><body>{INERTIAL}</body></replicate>'
     framed = f'<frame pos="0 0.2 0" {turn}>{other}{second}{more}</body></frame>'
-    read = _load(tmp_path, _one(framed))
+    read = load(inside=framed)
     assert read.joints == ("hinge", "lift", "tilt")
     model = mujoco.MjModel.from_xml_path(str(read.urdf))
     data, samples, expected = mujoco.MjData(model), _samples(3), []

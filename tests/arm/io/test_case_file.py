@@ -50,13 +50,16 @@ def write(folder: Path, **content: Any) -> Path:
     return path
 
 
+def loaded(folder: Path, **content: Any) -> Case:
+    return load_case(write(folder, **content))
+
+
 def names_of(recordings: Iterable[Recording]) -> list[str]:
     return [recording.name for recording in recordings]
 
 
 def test_the_least_case(folder: Path) -> None:
-    write(folder)
-    case = load_case(folder)
+    case = loaded(folder)
     assert case.name == case.arm.name == "two"
     assert case.arm.joints == ("shoulder", "elbow")
     assert names_of(case.recordings) == ["a.csv"]
@@ -72,8 +75,7 @@ def test_recordings_of_one_name_are_told_by_their_folders(folder: Path) -> None:
         (folder / name).parent.mkdir()
         shutil.copy(folder / "a.csv", folder / name)
     for names in ([one, other, "b.npz"], [one, "a.csv"]):
-        write(folder, recordings=names)
-        assert names_of(load_case(folder).recordings) == names
+        assert names_of(loaded(folder, recordings=names).recordings) == names
     # the commands know them by the same names, from any folder
     for given in (Path(one), folder / one):
         assert read_recording(folder, given)[1].name == one
@@ -101,33 +103,28 @@ def test_a_full_case(folder: Path) -> None:
     assert load_case(path, read_recordings=False).recordings == ()
 
 
+OVERLAP = r"held out and is fitted(.|\n)*overlap"
 HELD_OUT = [
-    ("a.csv", {}, r"judge(.|\n)*a.csv.*fitted.*a\.csv"),
-    ("c.csv", {}, r"judge(.|\n)*c.csv.*fitted.*a\.csv"),
-    (
-        "",
-        {"fit": [0, 109], "judge": [90, 199]},
-        r"held out and is fitted(.|\n)*overlap",
-    ),
-    ("a.csv", {"fit": [0, 109]}, r"held out and is fitted(.|\n)*overlap"),
+    ({"judge": ["a.csv"]}, r"judge(.|\n)*a.csv.*fitted.*a\.csv"),
+    ({"judge": ["c.csv"]}, r"judge(.|\n)*c.csv.*fitted.*a\.csv"),
+    ({"import": {"rows": {"fit": [0, 109], "judge": [90, 199]}}}, OVERLAP),
+    ({"import": {"rows": {"fit": [0, 109]}}, "judge": ["a.csv"]}, OVERLAP),
 ]
 """Recordings and rows that are fitted, too; ``c.csv`` is a copy under another name, with other dates."""
 
 
-@pytest.mark.parametrize(("judge", "rows", "message"), HELD_OUT)
+@pytest.mark.parametrize(("content", "message"), HELD_OUT)
 def test_what_is_fitted_is_not_held_out_too(
-    folder: Path, recording: Recording, judge: str, rows: dict[str, Any], message: str
+    content: dict[str, Any], message: str, folder: Path, recording: Recording
 ) -> None:
     write_recording(replace(recording, t=recording.t + 5), folder / "c.csv")
-    more = {"import": {"rows": rows}} if rows else {}
-    path = write(folder, judge=[judge] if judge else [], **more)
     with pytest.raises(InputError, match=message):
-        load_case(path)
+        loaded(folder, **content)
 
 
 def test_rows_to_fit_and_to_judge(folder: Path) -> None:
     rows = {"fit": [[0, 95], [5, 100]], "judge": [100, 199]}
-    case = load_case(write(folder, **{"import": {"rows": rows}}))
+    case = loaded(folder, **{"import": {"rows": rows}})
     found = [(r.name, len(r.t)) for r in case.recordings]
     assert found == [("a.csv rows 0-95", 96), ("a.csv rows 5-100", 96)]
     assert case.judged[0].t[0] == 2.0 and len(case.judged[0].t) == 100
@@ -175,9 +172,8 @@ BAD: list[tuple[dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("content", "message"), BAD, ids=lambda x: str(x)[:50])
 def test_refused(content: dict[str, Any], message: str, folder: Path) -> None:
-    write(folder, **content)
     with pytest.raises(InputError) as caught:
-        load_case(folder)
+        loaded(folder, **content)
     assert message.format(folder=folder) in str(caught.value)
 
 
@@ -213,10 +209,8 @@ def test_unsigned_torque_is_a_warning_of_the_case(
     tau = abs(recording.tau)
     tau[0] = 0
     write_recording(replace(recording, tau=tau), folder / "a.csv")
-    write(folder)
-    assert load_case(folder).warnings == (
-        "a.csv: torque is unsigned: only commands and positions can be trusted",
-    )
+    said = "a.csv: torque is unsigned: only commands and positions can be trusted"
+    assert loaded(folder).warnings == (said,)
 
 
 def test_data_root(
@@ -274,8 +268,7 @@ def test_write_case(folder: Path, tmp_path: Path) -> None:
 
 
 def test_write_case_leaves_other_folders_alone(folder: Path) -> None:
-    write(folder)
-    case = load_case(folder)
+    case = loaded(folder)
     # a folder of other files, and a file
     for place in (folder / "more", folder / "a.csv"):
         with pytest.raises(InputError, match="exists and is not a case"):
@@ -286,8 +279,7 @@ def test_write_case_leaves_other_folders_alone(folder: Path) -> None:
 def test_recordings_without_torque_and_of_equal_names_are_read_back(
     silent: tuple[bool, bool], folder: Path
 ) -> None:
-    write(folder)
-    case = load_case(folder)
+    case = loaded(folder)
     (one,) = case.recordings
     both = tuple(replace(one, tau=None) if none else one for none in silent)
     made = replace(case, recordings=both)
@@ -301,8 +293,9 @@ TWO = {"recordings": ["a.csv", "b.npz"], "judge": ["more/c.npz"]}
 
 
 def test_recordings_carry_what_the_case_says(folder: Path) -> None:
-    write(folder, payloads={"b.npz": BODY, "more/c.npz": BODY | {"mass": 0}}, **TWO)
-    case = load_case(folder)
+    case = loaded(
+        folder, payloads={"b.npz": BODY, "more/c.npz": BODY | {"mass": 0}}, **TWO
+    )
     assert [r.payload for r in case.recordings] == [None, LOAD]
     assert case.judged[0].payload == KnownLoad(0.0, LOAD.com)
     assert case.payload_of(folder / "more" / ".." / "b.npz") == LOAD
@@ -311,8 +304,7 @@ def test_recordings_carry_what_the_case_says(folder: Path) -> None:
     assert set(case_files(folder)) >= {folder / "b.npz"}
     # every part of a recording carries it
     rows = {"rows": {"fit": [[0, 99]], "judge": [100, 199]}}
-    write(folder, payloads={"b.npz": BODY}, **TWO, **{"import": rows})
-    case = load_case(folder)
+    case = loaded(folder, payloads={"b.npz": BODY}, **TWO, **{"import": rows})
     assert [r.payload for r in case.recordings] == [None, LOAD]
     assert [r.payload for r in case.judged] == [None, LOAD, None]
 
@@ -321,8 +313,9 @@ def test_files_side_by_side_may_be_named_by_any_of_them(folder: Path) -> None:
     entry, columns = {"q": "a.csv", "tau": "b.npz"}, {"join": "row"}
     columns |= {key: {"file": key, "column": f"{key}{{j}}"} for key in entry}
     for name in entry.values():
-        write(folder, payloads={name: BODY}, recordings=[entry], **{"import": columns})
-        assert load_case(folder).recordings[0].payload == LOAD
+        more = {"recordings": [entry], "import": columns}
+        case = loaded(folder, payloads={name: BODY}, **more)
+        assert case.recordings[0].payload == LOAD
 
 
 def test_payloads_are_written_and_read_back(folder: Path) -> None:
