@@ -6,13 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.locked_section import LOCK, locked
-from gapscope.cli import main
 
 KILLED = """
 import os, signal, sys
@@ -27,35 +28,29 @@ with locked(folder), atomic_write(folder / "diagnosis.json") as aside:
 """
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["identify", "case"],
-        ["diagnose", "case"],
-        ["diagnose", "case", "other"],
-        ["residual", "case"],
-        ["agree", "case"],
-        ["audit", "kuka_iiwa"],
-        ["blind", "run", "cases"],
-        ["fleet", "cases"],
-    ],
+WRITERS = (
+    *("identify case", "diagnose case", "diagnose case other", "residual case"),
+    *("agree case", "audit kuka_iiwa", "blind run cases", "fleet cases"),
 )
+
+
+@pytest.mark.parametrize("words", WRITERS)
 def test_a_second_run_in_a_folder_says_who_holds_it(
-    command: list[str],
+    words: str,
+    command: Callable[..., Any],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    if "residual" in command:
+    if "residual" in words:
         pytest.importorskip("torch", reason="the command asks for torch first")
     (tmp_path / "identification.json").write_text("{}")
     monkeypatch.setattr(sys, "argv", ["gapscope", "identify", "my_arm"])
-    with locked(tmp_path), pytest.raises(SystemExit) as ended:
-        main([*command, "--out", str(tmp_path)])
-    assert ended.value.code == 1
-    said = capsys.readouterr().err
-    assert f"{tmp_path}: another run writes to this folder: process {os.getpid()} on" in said  # fmt: skip
-    assert "gapscope identify my_arm\n" in said and "choose another folder" in said
+    with locked(tmp_path):
+        ended = command(*words.split(), "--out", tmp_path)
+    held = f"{tmp_path}: another run writes to this folder: process {os.getpid()} on"
+    assert ended.code == 1 and held in ended.err
+    assert "gapscope identify my_arm\n" in ended.err
+    assert "choose another folder" in ended.err
     # what the first run writes is left alone
     assert (tmp_path / "identification.json").is_file()
     assert not (tmp_path / LOCK).exists()

@@ -48,32 +48,26 @@ def log(begun: float, rows: int = 100) -> Recording:
     return Recording("log", np.arange(rows) / 100, np.zeros((rows, 1)), begun=begun)
 
 
-@pytest.mark.parametrize("start", [0.0, 1e5, 1.79e9])
-def test_time_goes_on_over_the_files_of_one_log(start: float) -> None:
-    files = [log(start + 1.0), log(start), log(start + 2.0)]
-    joined = joined_in_time(files)
-    assert [one.begun for one in joined] == [start] * 3
-    times = [one.t[0] for one in joined]
-    assert times == pytest.approx([1.0, 0.0, 2.0], abs=1e-6)
-    for before, after in zip(files, joined, strict=True):
-        np.testing.assert_allclose(before.stamps, after.stamps, rtol=0, atol=1e-6)
-
-
-OTHERS = {
+FILES = {
+    "one log": ([(1.0, 100), (0.0, 100), (2.0, 100)], [1.0, 0.0, 2.0]),
+    "one log with dates": ([(1.79e9 + 1.0, 100), (1.79e9, 100)], [1.0, 0.0]),
     # both clocks begin at zero, as those of many loggers do
     "split alike": ([(0.0, 100), (1.0, 50), (0.0, 120), (1.2, 50)], [0.0, 1.0, 0.0, 1.2]),
     "at once": ([(0.0, 100), (0.0, 100)], [0.0, 0.0]),
     "a minute later": ([(0.0, 100), (60.0, 100)], [0.0, 0.0]),
     "before the other ended": ([(0.0, 100), (0.5, 100)], [0.0, 0.0]),
 }  # fmt: skip
-"""Begin and rows of files of several logs, and where their time begins."""
+"""Begin and rows of files of logs, and where their time begins."""
 
 
-@pytest.mark.parametrize("name", OTHERS)
-def test_logs_have_a_time_of_their_own(name: str) -> None:
-    parts, times = OTHERS[name]
-    joined = joined_in_time([log(begun, rows) for begun, rows in parts])
-    assert [one.t[0] for one in joined] == pytest.approx(times)
+@pytest.mark.parametrize("name", FILES)
+def test_time_goes_on_over_the_files_of_one_log_alone(name: str) -> None:
+    parts, times = FILES[name]
+    files = [log(begun, rows) for begun, rows in parts]
+    joined = joined_in_time(files)
+    assert [one.t[0] for one in joined] == pytest.approx(times, abs=1e-6)
+    for before, after in zip(files, joined, strict=True):
+        np.testing.assert_allclose(before.stamps, after.stamps, rtol=0, atol=1e-6)
 
 
 T = np.arange(3000) / 500

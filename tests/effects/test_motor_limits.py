@@ -16,35 +16,34 @@ from gapscope.effects.signals import MotionSeries
 LIMIT, CORNER, NO_LOAD = 8.0, 1.0, 3.0
 
 
-def series(speed: float, seconds: float = 40.0) -> MotionSeries:
-    """A joint that turns at one speed [rad/s]."""
-    t = np.arange(0.0, seconds, 0.01)
-    q = speed * t[:, None]
-    return MotionSeries(Motion(t, q, np.full_like(q, speed), np.zeros_like(q)))
+def series(*speeds: float) -> MotionSeries:
+    """Joints that turn at one speed each [rad/s]."""
+    t = np.arange(0.0, 40.0, 0.01)
+    dq = np.ones((len(t), 1)) * speeds
+    return MotionSeries(Motion(t, t[:, None] * dq, dq, 0.0 * dq))
 
 
-@pytest.mark.parametrize(
-    ("speed", "torque", "delivered"),
-    [
-        (0.5, 20.0, LIMIT),
-        (CORNER, 20.0, LIMIT),
-        (2.0, 20.0, LIMIT / 2),
-        (2.0, 3.0, 3.0),
-        (NO_LOAD, 20.0, 0.0),
-        (5.0, 20.0, 0.0),
-        (2.0, -20.0, -LIMIT),
-        (-2.0, 20.0, LIMIT),
-        (-2.0, -20.0, -LIMIT / 2),
-    ],
-)
-def test_torque_along_the_velocity_falls_and_torque_that_brakes_does_not(
-    speed: float, torque: float, delivered: float
-) -> None:
-    at = series(speed, 1.0)
-    law, values = effect("torque_saturation").applied, (LIMIT, CORNER, NO_LOAD)
-    u = np.full_like(at.position, torque)
-    np.testing.assert_allclose(law(u, at, *map(np.array, values)), delivered)
-    flat = law(u, at, np.array(LIMIT))
+DELIVERED = [
+    (0.5, 20.0, LIMIT),
+    (CORNER, 20.0, LIMIT),
+    (2.0, 20.0, LIMIT / 2),
+    (2.0, 3.0, 3.0),
+    (NO_LOAD, 20.0, 0.0),
+    (5.0, 20.0, 0.0),
+    (2.0, -20.0, -LIMIT),
+    (-2.0, 20.0, LIMIT),
+    (-2.0, -20.0, -LIMIT / 2),
+]
+"""Speed [rad/s], torque that is asked for and that is delivered [N m], of a joint each."""
+
+
+def test_torque_along_the_velocity_falls_and_torque_that_brakes_does_not() -> None:
+    speed, torque, delivered = np.transpose(DELIVERED)
+    at, law = series(*speed), effect("torque_saturation").applied
+    asked, edge = np.ones_like(at.position) * torque, (LIMIT, CORNER, NO_LOAD)
+    values = [np.full(len(speed), x) for x in edge]
+    np.testing.assert_allclose(law(asked, at, *values)[5], delivered, atol=1e-12)
+    flat = law(asked, at, values[0])[5]
     np.testing.assert_allclose(flat, np.clip(torque, -LIMIT, LIMIT))
 
 

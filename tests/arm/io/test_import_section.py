@@ -123,27 +123,24 @@ def beside(arm: NominalArm, join: str, column: str) -> Any:
     )
 
 
-@pytest.mark.parametrize(
-    ("join", "expected"),
-    [("hold", [0, 0, 1, 1, 2, 2]), ("interpolate", [0, 0.5, 1, 1.5, 2, 2.5])],
-)
-def test_commands_with_their_own_time(
-    join: str, expected: list[float], arm: NominalArm, tmp_path: Path
-) -> None:
+def test_commands_with_their_own_time(arm: NominalArm, tmp_path: Path) -> None:
     t, commands = np.arange(N) * 10.0, [[k / 10, -k / 10] for k in range(N // 2)]
     state = write(tmp_path / "s.csv", time=t, q=both(A, B).tolist())
     command = write(tmp_path / "c.csv", time=t[::2] + 20, r=commands)
-    files, section = {"state": state, "command": command}, beside(arm, join, "{}")
-    recording = load_recording(files, arm, section)
-    # the state before the first command is cut
-    assert recording.t[0] == pytest.approx(0.02) and recording.q_ref is not None
-    np.testing.assert_array_equal(recording.q, both(A, B)[2:])
-    np.testing.assert_allclose(recording.q_ref[:6, 0], np.array(expected) / 10)
-    assert recording.notes == ("rows cut outside the time of the other files: 2",)
+    files = {"state": state, "command": command}
+    for join, expected in (
+        ("hold", [0, 0, 1, 1, 2, 2]),
+        ("interpolate", [0, 0.5, 1, 1.5, 2, 2.5]),
+    ):
+        recording = load_recording(files, arm, beside(arm, join, "{}"))
+        # the state before the first command is cut
+        assert recording.t[0] == pytest.approx(0.02) and recording.q_ref is not None
+        np.testing.assert_array_equal(recording.q, both(A, B)[2:])
+        np.testing.assert_allclose(recording.q_ref[:6, 0], np.array(expected) / 10)
+        assert recording.notes == ("rows cut outside the time of the other files: 2",)
     write(command, time=t[::2] + 5000, r=commands)
-    if join == "interpolate":
-        with pytest.raises(InputError, match="does not overlap in time with s.csv"):
-            load_recording(files, arm, section)
+    with pytest.raises(InputError, match="does not overlap in time with s.csv"):
+        load_recording(files, arm, beside(arm, "interpolate", "{}"))
 
 
 def test_interpolation_adds_no_corners_and_does_not_overshoot(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,39 +19,20 @@ SCRIPT = import_module("20_pages")
 SCHEMA = json.loads(SCRIPT.SCHEMA.read_text(encoding="utf-8"))
 
 
-def keys(value: Any, path: str = "") -> list[tuple[str, dict[str, Any]]]:
+def keys(value: Any, path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
     """All keys of the schema that a file may hold, with what the schema says of them."""
-    if not isinstance(value, dict):
-        return []
-    own = [
-        (f"{path}.{key}", {**referred(given), **given})
-        for key, given in value.get("properties", {}).items()
-    ]
-    inner = [
-        found
-        for key, given in value.items()
-        if key in ("items", "additionalProperties")
-        for found in keys(given, f"{path}[]")
-    ]
-    below = [
-        found
-        for name, given in value.get("properties", {}).items()
-        for found in keys(given, f"{path}.{name}")
-    ]
-    return [*own, *inner, *below]
+    if isinstance(value, dict):
+        for key, given in value.get("properties", {}).items():
+            referred = SCHEMA["$defs"].get(given.get("$ref", "").rpartition("/")[2], {})
+            yield f"{path}.{key}", referred | given
+            yield from keys(given, f"{path}.{key}")
+        for key in ("items", "additionalProperties"):
+            yield from keys(value.get(key), f"{path}[]")
 
 
-def referred(given: dict[str, Any]) -> dict[str, Any]:
-    """What a value refers to."""
-    name = given.get("$ref", "").rpartition("/")[2]
-    found: dict[str, Any] = SCHEMA["$defs"][name] if name else {}
-    return found
-
-
-EVERY = [
-    *keys(SCHEMA),
-    *(x for name, part in SCHEMA["$defs"].items() for x in keys(part, name)),
-]
+EVERY = list(keys(SCHEMA))
+for name, part in SCHEMA["$defs"].items():
+    EVERY += keys(part, name)
 
 
 @pytest.mark.parametrize("name", ["case.md", "controller.md", "import.md"])
