@@ -54,9 +54,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("sheet", "message"), BAD, ids=lambda value: str(value)[:40])
-def test_a_sheet_at_fault_is_refused_with_its_entry(
-    sheet: object, message: str
-) -> None:
+def test_a_sheet_at_fault_names_its_entry(sheet: object, message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         load_nominal_arm("kuka_iiwa", sheet=sheet)
     assert caught.value.file is None
@@ -66,9 +64,7 @@ def test_a_sheet_at_fault_is_refused_with_its_entry(
     ("value", "message"),
     [(["x"], "not a number"), ([np.nan], "not a number"), ([1, 2], "got 2")],
 )
-def test_a_nominal_arm_of_what_is_not_a_number_is_refused(
-    value: list, message: str
-) -> None:
+def test_a_nominal_arm_of_no_numbers_is_refused(value: list, message: str) -> None:
     with pytest.raises(InputError, match=f"nominal.viscous: .*{message}"):
         NominalArm("rod", Path("rod.urdf"), ("hinge",), viscous=value)
 

@@ -47,9 +47,7 @@ ASKED = [(x, name) for x in ODD for name in READ if x != "folder" or name not in
 
 
 @pytest.mark.parametrize(("odd", "name"), ASKED)
-def test_what_is_no_file_is_refused_at_once(
-    odd: str, name: str, tmp_path: Path
-) -> None:
+def test_what_is_no_file_is_refused(odd: str, name: str, tmp_path: Path) -> None:
     make, message = ODD[odd]
     make(tmp_path / name)
     with pytest.raises(InputError, match=message) as caught:
@@ -81,9 +79,7 @@ def test_large_files_are_refused_before_they_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["../x", "/etc/hostname", "link", "", None, "a\0b", 3])
-def test_a_result_names_files_of_its_own_folder_alone(
-    name: object, tmp_path: Path
-) -> None:
+def test_a_result_names_files_of_its_folder_alone(name: object, tmp_path: Path) -> None:
     inside = tmp_path / "inside"
     inside.mkdir()
     (inside / "link").symlink_to(tmp_path / "x")

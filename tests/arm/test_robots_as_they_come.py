@@ -92,9 +92,7 @@ def notes_of(urdf: Path, **options: object) -> tuple[NominalArm, str]:
     return arm, "\n".join(str(warning.message) for warning in caught)
 
 
-def test_a_chain_is_the_arm_alone_with_what_hangs_beyond_its_tip(
-    tmp_path: Path,
-) -> None:
+def test_a_chain_is_the_arm_alone_with_what_hangs_on_its_tip(tmp_path: Path) -> None:
     arm, notes = notes_of(robot(tmp_path, BASE, ARM, FINGERS), **CHAIN)
     assert arm.joints == ("shoulder", "elbow") and "wheel" not in notes
     assert all(x in notes for x in ("antenna", "drive", "lean", "finger_1"))
@@ -104,9 +102,7 @@ def test_a_chain_is_the_arm_alone_with_what_hangs_beyond_its_tip(
 
 
 @pytest.mark.parametrize("encoding", ["ISO-8859-1", "UTF-16"])
-def test_inertials_move_in_a_file_of_any_encoding(
-    tmp_path: Path, encoding: str
-) -> None:
+def test_inertials_move_in_any_encoding(tmp_path: Path, encoding: str) -> None:
     path = robot(tmp_path, link("torso", 1), ARM)
     moved = torque(shifted_arm(load_nominal_arm(path), 1))
     text = f'<?xml version="1.0" encoding="{encoding}"?><!-- Grüße -->'
@@ -165,9 +161,7 @@ def test_a_follower_weighs_on_its_master(tmp_path: Path) -> None:
     np.testing.assert_allclose(arm.armature, [0, 0, 0.2])
 
 
-def test_a_locked_joint_stands_at_the_mean_of_a_column_and_is_written(
-    tmp_path: Path,
-) -> None:
+def test_a_locked_joint_stands_at_the_mean_of_a_column(tmp_path: Path) -> None:
     tree, t = robot(tmp_path, TORSO, ARM, FINGERS), np.arange(0, 2, 0.01)
     both = np.sin(t)[:, None] * np.ones(2)
     columns = numbered({"t": t, "q": both, "tau": both, "gripper": 0.3 + 0 * t})

@@ -127,9 +127,7 @@ def test_encoders_on_the_joints_see_the_links_themselves(
         AppliedEffect("base_tilt", (), {"roll": 0.01, "pitch": 0.0}),
     ],
 )
-def test_an_effect_that_cannot_add_occurs_once(
-    two: NominalArm, once: AppliedEffect
-) -> None:
+def test_what_cannot_add_occurs_once(two: NominalArm, once: AppliedEffect) -> None:
     """Two limits on one joint are no limit of their sum, two tilts no tilt of either."""
     with pytest.raises(InputError, match="occurs twice") as caught:
         CorrectedArm(two, (COULOMB, once, once)).check()
@@ -327,9 +325,7 @@ def test_all_friction_together_at_the_edge_takes_power(two: NominalArm) -> None:
 
 
 @pytest.mark.parametrize("name", SHEETS)
-def test_what_is_negative_in_total_is_refused_at_once(
-    name: str, two: NominalArm
-) -> None:
+def test_what_is_negative_in_total_is_refused(name: str, two: NominalArm) -> None:
     parameter, stated = SHEETS[name]
     nominal = getattr(two, stated)[1]
     rest = AppliedEffect(name, (2,), {parameter: -nominal})

@@ -165,9 +165,7 @@ REMAINDER = np.arange(30.0).reshape(3, 10) / 7.0
 """What the links of a three-joint arm lack."""
 
 
-def test_what_bodies_lack_comes_back_and_is_left_out_by_simulators(
-    tmp_path: Path,
-) -> None:
+def test_what_bodies_lack_comes_back_except_in_simulators(tmp_path: Path) -> None:
     path = tmp_path / "corrected.yaml"
     write_corrected("c", (), path, corrects="identified_case.yaml", remainder=REMAINDER)
     assert yaml.safe_load(path.read_text())["corrects"] == "identified_case.yaml"
@@ -238,9 +236,7 @@ NO_NETWORKS = [
 
 
 @pytest.mark.parametrize(("change", "message"), NO_NETWORKS)
-def test_arrays_that_do_not_fit_are_told(
-    change: dict, message: str, tmp_path: Path
-) -> None:
+def test_arrays_that_do_not_fit(change: dict, message: str, tmp_path: Path) -> None:
     path = tmp_path / "residual.npz"
     write_residual(NETWORK, path)
     with np.load(path) as content:

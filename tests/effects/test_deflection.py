@@ -85,9 +85,7 @@ NATURAL = 8.0
 
 @pytest.mark.parametrize("ratio", [0.25, 0.9, 1.0, 1.1, 2.5])
 @pytest.mark.parametrize("zeta", [0.05, 0.3])
-def test_frequency_response_of_a_spring(
-    turntable: RigidBody, ratio: float, zeta: float
-) -> None:
+def test_response_of_a_spring(turntable: RigidBody, ratio: float, zeta: float) -> None:
     """Link over motor: (k + i d w) / (k - J w^2 + i d w), below, at and above the resonance."""
     k = INERTIA * (2 * np.pi * NATURAL) ** 2
     d = 2 * zeta * np.sqrt(k * INERTIA)

@@ -145,9 +145,7 @@ def test_late_torque(recording: Recording) -> None:
     assert lateness == pytest.approx(0.018, abs=1e-4)
 
 
-def test_an_ignored_velocity_reference_leads_to_the_same_torque(
-    recording: Recording,
-) -> None:
+def test_an_ignored_velocity_leads_to_the_same_torque(recording: Recording) -> None:
     """kp (q_ref - q) + kd (dq_ref - dq) = kp (recorded q_ref - q) - kd dq with kd = 0.1 kp."""
     planned = replace(recording, dq_ref=1.01 * np.gradient(recording.q, 0.004, axis=0))
     spoilt = _apply(IgnoredVelocityReference(0.1), planned)
@@ -172,9 +170,7 @@ def test_coarse_references(recording: Recording) -> None:
     np.testing.assert_allclose(lines.dq_ref[12], (after - before) / 0.02)
 
 
-def test_gains_declared_are_those_at_work_over_the_factors(
-    recording: Recording,
-) -> None:
+def test_declared_gains_are_those_at_work_over_factors(recording: Recording) -> None:
     at_work = PD(rate=1000.0, kp=np.array([8.0, 4.0, 2.0]), kd=np.ones(3))
     case = Case("c", Path(), _arm(), (recording,), controller=at_work)
     rng, fault = np.random.default_rng(0), GainMismatch((4.0,), (0.5,), (2,))
@@ -194,9 +190,7 @@ def test_a_torque_that_gains_gave(recording: Recording) -> None:
 
 
 @pytest.mark.parametrize("fault", [VelocityOfReference(), SpeedScaling(0.5)])
-def test_faults_of_references_need_references(
-    recording: Recording, fault: Fault
-) -> None:
+def test_faults_of_references_need_them(recording: Recording, fault: Fault) -> None:
     with pytest.raises(InputError, match="q_ref"):
         _apply(fault, replace(recording, q_ref=None))
 

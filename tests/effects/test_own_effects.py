@@ -62,9 +62,7 @@ def test_a_file_brings_what_stands_at_its_top_level(tmp_path: Path) -> None:
     assert os.environ[FILES] == ""
 
 
-def test_a_file_may_import_effects_of_the_package_and_register_its_own(
-    tmp_path: Path,
-) -> None:
+def test_a_file_may_import_effects_and_register_its_own(tmp_path: Path) -> None:
     file = write_example(tmp_path)
     file.write_text(
         "from gapscope.effects.friction import COULOMB\n"
@@ -178,9 +176,7 @@ def test_effects_of_the_package_pass_the_same_checks(name: str) -> None:
     check_effect(effect)
 
 
-def test_the_law_of_the_example_is_what_its_page_says(
-    example: TorqueLaw,
-) -> None:
+def test_the_law_of_the_example_is_what_its_page_says(example: TorqueLaw) -> None:
     """c (1 - exp(-(q / w)^2)) tanh(v / 0.1) with q = w and v = 0.1 rad/s: c (1 - 1/e) tanh 1."""
     signals = Signals(0.0, np.array([0.5]), np.array([0.1]), np.zeros(1))
     torque = example.law(signals, np.array([6.0]), np.array([0.5]))

@@ -25,9 +25,7 @@ def _samples(n: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("robot", daily(KNOWN_ROBOTS, "franka_panda"))
-def test_what_is_written_for_mujoco_reads_back_as_the_same_arm(
-    robot: str, load: Load
-) -> None:
+def test_what_is_written_for_mujoco_reads_back(robot: str, load: Load) -> None:
     """Masses and moments, which are given to the engine after loading, are put into the text here."""
     body = RigidBody(load_nominal_arm(robot))
     links = moving_links(body)
@@ -147,7 +145,7 @@ GRAVITY = {
 
 
 @pytest.mark.parametrize("option", GRAVITY)
-def test_gravity_of_the_file_counts_where_nothing_else_says_it(
+def test_gravity_of_the_file_counts_if_nothing_else_is_said(
     option: str, load: Load
 ) -> None:
     read = load(before=option)

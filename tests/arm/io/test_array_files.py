@@ -110,9 +110,7 @@ def test_files_that_are_not_what_their_ending_says(ending: str, tmp_path: Path) 
             open_log(path)
 
 
-def test_text_tables_with_spaces_and_a_marked_header(
-    arm: NominalArm, tmp_path: Path
-) -> None:
+def test_text_tables_with_a_marked_header(arm: NominalArm, tmp_path: Path) -> None:
     for ending in ("txt", "dat", "asc"):
         path = tmp_path / f"log.{ending}"
         np.savetxt(path, np.column_stack([T, Q]), header="t q1 q2")

@@ -110,9 +110,7 @@ def test_a_damaged_row_is_left_out_with_its_place(
         assert found.notes[0].startswith(said) and what in found.notes[0]
 
 
-def test_many_damaged_rows_are_refused_all_at_once(
-    sound: Recording, load: Load
-) -> None:
+def test_many_damaged_rows_are_refused_at_once(sound: Recording, load: Load) -> None:
     several, torques = rows(), rows()
     for line in range(10, 17):
         cell(line, line % 5, "#REF!")(several)
@@ -199,9 +197,7 @@ def test_a_reference_is_on_the_turn_of_its_joint(load: Load) -> None:
 
 
 @pytest.mark.parametrize("value", [int("1" * 400), "error"])
-def test_what_is_no_number_in_json_is_damage_as_in_csv(
-    value: object, load: Load
-) -> None:
+def test_what_is_no_number_in_json_is_damage(value: object, load: Load) -> None:
     """A whole number of any length, and texts, which are no pause even in one block."""
     head, *lines = rows()
     numbers: list[list[Any]] = [list(map(float, row)) for row in lines]
@@ -237,9 +233,7 @@ def test_what_is_no_table_is_refused_at_once(
     assert time.process_time() - begun < 1.0
 
 
-def test_a_parquet_file_with_any_byte_changed_is_read_or_refused(
-    tmp_path: Path,
-) -> None:
+def test_parquet_with_any_byte_changed_is_read_or_refused(tmp_path: Path) -> None:
     """A page that says it has no rows leaves its column shorter than the others."""
     path, table = tmp_path / "log.parquet", pa.table({"t": [0.0, 1.0], "q1": [2.0] * 2})
     pq.write_table(table, path, compression="none", use_dictionary=False)

@@ -202,9 +202,7 @@ def test_what_is_no_case_is_refused_and_not_printed_whole(
     assert message in str(caught.value) and len(str(caught.value)) < 500
 
 
-def test_unsigned_torque_is_a_warning_of_the_case(
-    folder: Path, recording: Recording
-) -> None:
+def test_unsigned_torque_is_a_warning(folder: Path, recording: Recording) -> None:
     assert recording.tau is not None
     tau = abs(recording.tau)
     tau[0] = 0

@@ -15,9 +15,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import plain, read_json, to_json, write_json
 
 
-def test_plain_data_whose_numbers_that_are_not_finite_stay_or_become_null(
-    tmp_path: Path,
-) -> None:
+def test_plain_data_and_numbers_that_are_not_finite(tmp_path: Path) -> None:
     pair = (np.float64(0.5), "é")
     value = MappingProxyType({"a": np.arange(2), "b": pair, "c": np.bool_(True)})
     made = plain(value)

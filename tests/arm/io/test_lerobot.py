@@ -109,9 +109,7 @@ def test_each_episode_is_a_table(folder: Path) -> None:
     np.testing.assert_array_equal(columns[first], expected)
 
 
-def test_degrees_with_the_action_as_the_reference_and_effort_if_it_is_named(
-    read: Read,
-) -> None:
+def test_degrees_with_the_action_as_the_reference(read: Read) -> None:
     recording, state = read(2, q={"unit": "deg"}, tau=None), state_of(2)
     np.testing.assert_allclose(recording.q, np.deg2rad(state))
     np.testing.assert_allclose(recording.q_ref, np.deg2rad(state + 1), atol=1e-6)

@@ -34,9 +34,7 @@ def test_every_number_is_the_one_that_python_reads(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("odd", ["", "0.1,,run", "0.1,nan,run", "0.1,1.5;,run"])
-def test_what_is_no_row_of_numbers_is_left_to_the_text_reader(
-    tmp_path: Path, odd: str
-) -> None:
+def test_what_is_no_number_is_left_to_the_text_reader(tmp_path: Path, odd: str) -> None:
     file, lines = tmp_path / "log.csv", text(20)
     file.write_text("\n".join(["t,q1,mode", *lines, odd, *lines]), encoding="utf-8")
     table = read_csv(file)

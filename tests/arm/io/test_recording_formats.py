@@ -41,9 +41,7 @@ def test_delimiters(delimiter: str, load: Load) -> None:
     np.testing.assert_array_equal(found, np.cos(np.arange(30)))
 
 
-def test_what_cannot_be_written_is_refused(
-    recording: Recording, tmp_path: Path
-) -> None:
+def test_what_cannot_be_written(recording: Recording, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="'.xls' names no format"):
         write_recording(recording, tmp_path / "motion.xls")
     (tmp_path / "file").touch()
@@ -53,7 +51,7 @@ def test_what_cannot_be_written_is_refused(
 
 
 @pytest.mark.parametrize("start", [-2.0, 1e5, 1.79e9])
-def test_time_counts_from_the_first_row(
+def test_time_counts_from_its_start(
     start: float, recording: Recording, load: Load
 ) -> None:
     """Effects that fade since the start of a recording need its start; what is written has the log's own stamps.

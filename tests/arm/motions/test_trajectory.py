@@ -72,9 +72,7 @@ def sampled(tmp_path: Path) -> tuple[Path, Fourier]:
     return tmp_path / "a.csv", motion
 
 
-def test_motion_between_the_samples_is_that_of_the_source(
-    sampled: tuple[Path, Fourier],
-) -> None:
+def test_motion_between_samples_is_the_source(sampled: tuple[Path, Fourier]) -> None:
     (path, source), t = sampled, np.linspace(0, 4, 777)
     found = read_sampled(path, 2)
     pairs = zip(_series(found, t), _series(source, t), strict=True)
@@ -133,9 +131,7 @@ def test_named_motions_keep_limits_and_derivatives_are_derivatives(
         np.testing.assert_allclose(slope, at[k + 1], atol=5e-6)
 
 
-def test_weld_seam_is_straight_at_constant_speed_and_keeps_the_orientation(
-    space: Workspace,
-) -> None:
+def test_weld_seam_is_straight_at_constant_speed(space: Workspace) -> None:
     """The tool is on the line to 10 um, turns by less than 0.1 mrad and keeps its speed over 60 % of the time."""
     way = np.array([0.03, -0.06, 0.02])
     seam = weld_seam(space.kinematics, space.posture, way, space.limits, speed=0.05)
