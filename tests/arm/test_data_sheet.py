@@ -77,7 +77,6 @@ WRIST = {"motor": 7, "joint": 6, "ratio": -0.5}
 
 def test_a_declared_coupling_turns_the_motor_with_both_joints() -> None:
     arm = load_nominal_arm("kuka_iiwa", sheet={"coupling": [WRIST]})
-    assert arm.coupling is not None
     np.testing.assert_array_equal(arm.coupling[6], [0, 0, 0, 0, 0, -0.5, 1])
     assert arm.coupled_motors == (7,)
     assert coupling_entries(arm.coupling) == [WRIST]
@@ -96,7 +95,7 @@ def test_a_case_keeps_the_coupling_of_its_logs_transmission(tmp_path) -> None:
     assert case.arm.coupled_motors == (7,)
     written = load_case(write_case(case, tmp_path / "copy"))
     np.testing.assert_array_equal(written.arm.coupling, case.arm.coupling)
-    assert written.arm.coupling is not None and written.arm.coupling[6, 5] == 0.5
+    assert written.arm.coupling[6, 5] == 0.5
 
 
 def test_parameters_of_a_point_mass() -> None:

@@ -212,16 +212,17 @@ def test_xacro_is_refused_with_the_command_that_expands_it(
         load_nominal_arm(tmp_path / name)
 
 
+NAME = "robot_descriptions"
+
+
 def test_robot_descriptions_are_known_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = types.ModuleType("robot_descriptions.two_description")
-    module.URDF_PATH = str(robot(tmp_path, TORSO, ARM))  # type: ignore[attr-defined]
-    package = types.ModuleType("robot_descriptions")
-    package.__path__ = []
-    package.__spec__ = types.SimpleNamespace(name="robot_descriptions")  # type: ignore[assignment]
-    monkeypatch.setitem(sys.modules, "robot_descriptions", package)
-    monkeypatch.setitem(sys.modules, module.__name__, module)
+    package, module = (types.ModuleType(x) for x in (NAME, f"{NAME}.two_description"))
+    package.__path__, package.__spec__ = [], types.SimpleNamespace(name=NAME)
+    module.URDF_PATH = str(robot(tmp_path, TORSO, ARM))
+    for each in (package, module):
+        monkeypatch.setitem(sys.modules, each.__name__, each)
     assert load_nominal_arm("two_description").joints == ("shoulder", "elbow")
     with pytest.raises(InputError, match="has no three_description"):
         load_nominal_arm("three_description")

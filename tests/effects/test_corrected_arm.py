@@ -120,39 +120,30 @@ def test_encoders_on_the_joints_see_the_links_themselves(
     assert np.abs(added)[:, 1].max() > 1e-3
 
 
-@pytest.mark.parametrize(
-    "once",
-    [
-        AppliedEffect("torque_saturation", (2,), {"limit": [10.0]}),
-        AppliedEffect("base_tilt", (), {"roll": 0.01, "pitch": 0.0}),
-    ],
-)
-def test_what_cannot_add_occurs_once(two: NominalArm, once: AppliedEffect) -> None:
-    """Two limits on one joint are no limit of their sum, two tilts no tilt of either."""
-    with pytest.raises(InputError, match="occurs twice") as caught:
-        CorrectedArm(two, (COULOMB, once, once)).check()
-    assert caught.value.where == once.name
-
-
-def test_effects_that_add_may_occur_twice(
+def test_effects_that_add_may_occur_twice_and_no_others(
     two: NominalArm, body: RigidBody, motion: Motion
 ) -> None:
+    """Two limits on one joint are no limit of their sum, two tilts no tilt of either."""
     half = AppliedEffect("payload", (), {"mass": 0.6, "com": [0.3, 0.1, 0.0]})
     arms = [CorrectedArm(two, effects) for effects in ((half, half), (PAYLOAD,))]
     for arm in arms:
         arm.check()
     np.testing.assert_allclose(*(arm.predict(body, motion) for arm in arms), rtol=1e-9)
+    limit = AppliedEffect("torque_saturation", (2,), {"limit": [10.0]})
+    tilt = AppliedEffect("base_tilt", (), {"roll": 0.01, "pitch": 0.0})
+    for once in (limit, tilt):
+        with pytest.raises(InputError, match="occurs twice") as caught:
+            CorrectedArm(two, (COULOMB, once, once)).check()
+        assert caught.value.where == once.name
 
 
-def test_what_bodies_lack_adds_its_own_torque_and_need_not_be_possible() -> None:
-    """Minus two kilograms on the second link: as the regressor has it, whatever the arm carries."""
-    t = np.arange(50) / 50
-    q = np.column_stack([np.sin((k + 1) * t) for k in range(3)])
-    motion = Motion(t, q, np.gradient(q, t, axis=0), np.cos(q))
-    arm, remainder = iiwa_of_three(), np.zeros((3, 10))
-    remainder[1, :2] = -2.0, 0.3
-    body = RigidBody(arm)
-    plain = CorrectedArm(arm, (PAYLOAD,))
+def test_what_bodies_lack_adds_its_own_torque_and_need_not_be_possible(
+    two: NominalArm, body: RigidBody, motion: Motion
+) -> None:
+    """Minus three kilograms on the second link: as the regressor has it, whatever the arm carries."""
+    remainder = np.zeros((2, 10))
+    remainder[1, :2] = -3.0, 0.3
+    plain = CorrectedArm(two, (PAYLOAD,))
     lacking = replace(plain, remainder=remainder)
     lacking.check()
     added = lacking.predict(body, motion) - plain.predict(body, motion)
@@ -173,8 +164,6 @@ effects:
   - {CARRIED % (1.0, "recordings: [b.csv], from: 3.0")}
 recordings: [a.csv, b.csv]
 """
-
-
 T = np.arange(0.0, 6.0, 0.01)
 
 

@@ -102,7 +102,7 @@ def laws() -> list[Controller]:
 def test_a_section_is_read_as_it_was_written(law: Controller) -> None:
     section = json.loads(json.dumps(controller_section(law)))
     again = parse_controller(section, 2, Path("case.yaml"))
-    assert again is not None and controller_section(again) == section
+    assert controller_section(again) == section
     assert type(again) is type(law)
 
 

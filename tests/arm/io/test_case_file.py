@@ -35,7 +35,6 @@ def recording(recording: Recording) -> Recording:
 @pytest.fixture
 def folder(tmp_path: Path, urdf: Path, recording: Recording) -> Path:
     """A folder with a URDF and three recordings, but no case file yet."""
-    assert recording.tau is not None
     write_recording(recording, tmp_path / "a.csv")
     write_recording(replace(recording, tau=-recording.tau), tmp_path / "b.npz")
     (tmp_path / "more").mkdir()
@@ -97,7 +96,7 @@ def test_a_full_case(folder: Path) -> None:
     assert (case.arm.encoder, case.arm.encoder_step) == ("joint", 1e-3)
     np.testing.assert_array_equal(case.arm.viscous, [3, 4])
     np.testing.assert_array_equal(case.arm.coulomb, [0, 0.25])
-    assert case.controller is not None and case.controller.feedforward == "none"
+    assert case.controller.feedforward == "none"
     assert case.controller.velocity_cutoff == 80
     assert names_of(case.judged) == ["b.npz"]
     assert load_case(path, read_recordings=False).recordings == ()
@@ -203,7 +202,6 @@ def test_what_is_no_case_is_refused_and_not_printed_whole(
 
 
 def test_unsigned_torque_is_a_warning(folder: Path, recording: Recording) -> None:
-    assert recording.tau is not None
     tau = abs(recording.tau)
     tau[0] = 0
     write_recording(replace(recording, tau=tau), folder / "a.csv")

@@ -27,7 +27,6 @@ def test_samples_of_a_robot_that_is_slower_than_the_logger_are_even() -> None:
     assert np.diff(stamps).max() == pytest.approx(2 * PERIOD)
     taken = np.arange(400) * PERIOD / 0.98
     even = even_stamps_of_rows(stamps, motion(taken))
-    assert even is not None
     assert even - even[0] == pytest.approx(taken, abs=0.2 * PERIOD)
     assert np.diff(even) == pytest.approx(PERIOD / 0.98, rel=1e-3)
 

@@ -61,7 +61,7 @@ def test_names_units_signs_and_scale(read: Read) -> None:
     }
     currents = {"I_shoulder": A, "I_elbow": B}
     found = read(section, stamp=np.arange(N) * 4000, P0=90 * A, P1=45 * B, **currents)
-    assert found.rate == pytest.approx(250) and found.tau is not None
+    assert found.rate == pytest.approx(250)
     np.testing.assert_allclose(found.q, both(np.pi / 2 * A, 0.5 - np.pi / 4 * B))
     np.testing.assert_allclose(found.tau, both(0.1 * A, -0.05 * B))
 
@@ -75,7 +75,6 @@ def test_coupled_transmission(transmission: dict[str, Any], read: Read) -> None:
     # q1 = m1 / 10, q2 = (m2 - 2 q1) / 5; tau1 = 10 u1 + 2 u2, tau2 = 5 u2.
     motors = {"q1": 10 * A, "q2": 2 * A + 5 * B, "tau1": A, "tau2": B}
     found = read({"transmission": transmission}, **motors)
-    assert found.tau is not None
     np.testing.assert_allclose(found.q, both(A, B), atol=1e-15)
     np.testing.assert_allclose(found.tau, both(10 * A + 2 * B, 5 * B), atol=1e-15)
 
@@ -134,7 +133,7 @@ def test_commands_with_their_own_time(arm: NominalArm, tmp_path: Path) -> None:
     ):
         recording = load_recording(files, arm, beside(arm, join, "{}"))
         # the state before the first command is cut
-        assert recording.t[0] == pytest.approx(0.02) and recording.q_ref is not None
+        assert recording.t[0] == pytest.approx(0.02)
         np.testing.assert_array_equal(recording.q, both(A, B)[2:])
         np.testing.assert_allclose(recording.q_ref[:6, 0], np.array(expected) / 10)
         assert recording.notes == ("rows cut outside the time of the other files: 2",)
@@ -152,7 +151,6 @@ def test_interpolation_adds_no_corners(arm: NominalArm, tmp_path: Path) -> None:
         "command": write(tmp_path / "c.csv", time=t[::4], r1=smooth, r2=stepped),
     }
     found = load_recording(files, arm, beside(arm, "interpolate", "{}{{j}}"))
-    assert found.q_ref is not None
     assert found.q_ref[:, 1].min() == 0 and found.q_ref[:, 1].max() == 1
     true, straight = np.sin(10 * found.t), np.interp(found.t, slow, smooth)
     error, corners = found.q_ref[8:-8, 0] - true[8:-8], (straight - true)[8:-8]
@@ -254,7 +252,6 @@ def test_current_by_motor_constant_and_gear_ratio(read: Read) -> None:
     tau = CURRENT | {"column": "i{j0}", "unit": "mA", "motor_constant": [0.1, 0.2]}
     found = read({"tau": tau}, i0=A, i1=B)
     # 0.001 A/mA times 0.1 N m/A times 100
-    assert found.tau is not None
     np.testing.assert_allclose(found.tau, both(0.01 * A, 0.02 * B))
 
 

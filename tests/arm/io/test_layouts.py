@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from gapscope.arm.io.formats.rosbag import JOINT_STATE
 from gapscope.arm.io.layouts import layout_of
@@ -28,31 +27,29 @@ HEADERS = {
 }
 
 
-@pytest.mark.parametrize("name", HEADERS)
-def test_a_header_gives_its_layout(name: str) -> None:
-    layout = layout_of(table(*HEADERS[name]))
-    assert layout is not None and layout.name == name
-
-
-def test_a_type_of_messages_gives_its_layout() -> None:
-    states = table("t", "position[elbow]", "effort[elbow]")
-    layout = layout_of(replace(states, kind=JOINT_STATE))
-    assert layout is not None and layout.name == "joint states of ROS"
-    # the same columns in a file are no message
-    assert layout_of(states) is None
-    assert layout_of(table("t", "x", "y")) is None
+NO_LAYOUTS = (
+    # the columns of a message in a file
+    ("t", "position[elbow]", "effort[elbow]"),
+    ("t", "x", "y"),
     # names that everybody uses
-    assert layout_of(table("timestamp", "position_0", "torque_0")) is None
-    assert layout_of(table("time", "q_0", "tau_0")) is None
+    ("timestamp", "position_0", "torque_0"),
+    ("time", "q_0", "tau_0"),
+)
+
+
+def test_a_header_or_a_type_of_messages_gives_its_layout() -> None:
+    logs = {name: table(*columns) for name, columns in HEADERS.items()}
+    logs["joint states of ROS"] = replace(table(*NO_LAYOUTS[0]), kind=JOINT_STATE)
+    for name, log in logs.items():
+        assert layout_of(log).name == name
+    assert [layout_of(table(*columns)) for columns in NO_LAYOUTS] == [None] * 4
 
 
 def test_the_measured_torque_is_taken_before_the_computed_one() -> None:
     columns = ("timestamp", "actual_q_0", "target_moment_0", "actual_current_0")
     log = table(*columns)
     layout = layout_of(log)
-    assert layout is not None
     place = layout.place("tau", log)
-    assert place is not None
     assert (place.column, place.unit) == ("actual_current_{j0}", "A")
     without = layout.place("tau", table(*columns[:3]))
-    assert without is not None and "no measurement" in without.holds
+    assert "no measurement" in without.holds
