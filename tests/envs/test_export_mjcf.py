@@ -157,85 +157,83 @@ def test_a_motor_at_its_edge_moves_the_arm_as_it_does_in_the_simulator(
     assert with_it < 0.03 * without
 
 
-class TestFriction:
-    def test_holds_a_joint_at_rest(self, arm: NominalArm, tmp_path: Path) -> None:
-        """Half of its Coulomb friction turns joint 3 by less than 1e-5 rad in a second; three halves turn it away."""
-        model = load(arm, (), tmp_path)
-        model.opt.gravity[:] = 0
-        turned = []
-        for torque in (0.5, 1.5):
-            data = mujoco.MjData(model)
-            data.ctrl[2] = torque
-            mujoco.mj_step(model, data, 1000)
-            turned.append(float(data.qpos[2]))
-        assert abs(turned[0]) < 1e-5 and turned[1] > 0.1
-
-    def test_builds_up_over_the_presliding_distance(
-        self, arm: NominalArm, tmp_path: Path
-    ) -> None:
-        """Along a path with reversals, as ``friction_direction`` says."""
-        bends = replace(arm, presliding=np.array([0.0, 0.0, 0.01]))
-        model = load(bends, (), tmp_path)
-        data, h = mujoco.MjData(model), model.opt.timestep
-        t = np.arange(0.0, 1.0, h)
-        path, speed = 0.02 * np.sin(6 * t), 0.12 * np.cos(6 * t)
-        got = np.empty(len(t))
-        for i in range(len(t)):
-            data.qpos[:], data.qvel[:] = [0, 0, path[i]], [0, 0, speed[i]]
-            mujoco.mj_step(model, data)
-            got[i] = -data.qfrc_actuator[2]
-        bend = friction_direction(path[:, None], speed[:, None], np.array([0.01]))
-        # the bristle starts unbent
-        later = t > 0.8
-        assert got[later] == pytest.approx(bend[later, 0], abs=0.03)
-
-
-class TestCommand:
-    def test_meets_ripple_where_the_joint_truly_is(
-        self, arm: NominalArm, tmp_path: Path
-    ) -> None:
-        """0.3 sin(7.5 q + 0.4) at q = 0.7, read as 0.75 by an encoder that is off by 0.05."""
-        ripple = applied("torque_ripple", 2, amplitude=0.3, cycles=7.5, phase=0.4)
-        off = applied("encoder_offset", 2, offset=0.05)
-        for effects, reading in (((ripple,), 0.7), ((ripple, off), 0.75)):
-            model = load(arm, effects, tmp_path)
-            data = mujoco.MjData(model)
-            data.qpos[1] = reading
-            mujoco.mj_forward(model, data)
-            want = 0.3 * np.sin(7.5 * 0.7 + 0.4)
-            assert data.qfrc_actuator[1] == pytest.approx(want)
-
-
-class TestGear:
-    @pytest.mark.parametrize("encoder", ["motor", "joint"])
-    def test_is_read_where_the_encoder_sits(
-        self, arm: NominalArm, tmp_path: Path, encoder: str
-    ) -> None:
-        arm = load_nominal_arm(arm.urdf, sheet={**SHEET, "encoder": encoder})
-        effect = applied("joint_elasticity", 3, stiffness=1000.0, damping=5.0)
-        model = load(arm, (effect,), tmp_path)
+def test_friction_holds_a_joint_at_rest(arm: NominalArm, tmp_path: Path) -> None:
+    """Half of its Coulomb friction turns joint 3 by less than 1e-5 rad in a second; three halves turn it away."""
+    model = load(arm, (), tmp_path)
+    model.opt.gravity[:] = 0
+    turned = []
+    for torque in (0.5, 1.5):
         data = mujoco.MjData(model)
-        data.joint("j3").qpos, data.joint("j3_motor").qpos = 0.1, 0.2
+        data.ctrl[2] = torque
+        mujoco.mj_step(model, data, 1000)
+        turned.append(float(data.qpos[2]))
+    assert abs(turned[0]) < 1e-5 and turned[1] > 0.1
+
+
+def test_friction_builds_up_over_the_presliding_distance(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    """Along a path with reversals, as ``friction_direction`` says."""
+    bends = replace(arm, presliding=np.array([0.0, 0.0, 0.01]))
+    model = load(bends, (), tmp_path)
+    data, h = mujoco.MjData(model), model.opt.timestep
+    t = np.arange(0.0, 1.0, h)
+    path, speed = 0.02 * np.sin(6 * t), 0.12 * np.cos(6 * t)
+    got = np.empty(len(t))
+    for i in range(len(t)):
+        data.qpos[:], data.qvel[:] = [0, 0, path[i]], [0, 0, speed[i]]
+        mujoco.mj_step(model, data)
+        got[i] = -data.qfrc_actuator[2]
+    bend = friction_direction(path[:, None], speed[:, None], np.array([0.01]))
+    # the bristle starts unbent
+    later = t > 0.8
+    assert got[later] == pytest.approx(bend[later, 0], abs=0.03)
+
+
+def test_command_meets_ripple_where_the_joint_truly_is(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    """0.3 sin(7.5 q + 0.4) at q = 0.7, read as 0.75 by an encoder that is off by 0.05."""
+    ripple = applied("torque_ripple", 2, amplitude=0.3, cycles=7.5, phase=0.4)
+    off = applied("encoder_offset", 2, offset=0.05)
+    for effects, reading in (((ripple,), 0.7), ((ripple, off), 0.75)):
+        model = load(arm, effects, tmp_path)
+        data = mujoco.MjData(model)
+        data.qpos[1] = reading
         mujoco.mj_forward(model, data)
-        assert data.sensor("j3").data[0] == (0.2 if encoder == "motor" else 0.1)
-
-    def test_without_a_rotor_is_left_out(self, arm: NominalArm, tmp_path: Path) -> None:
-        bare = load_nominal_arm(arm.urdf)
-        effect = applied("backlash", 2, width=0.01)
-        missing, _ = export(CorrectedArm(bare, (effect,)), "mjcf", tmp_path / "a.xml")
-        said = [line for line in missing if line.startswith("backlash, joint 2")]
-        assert len(said) == 1 and "nominal.armature" in said[0]
+        want = 0.3 * np.sin(7.5 * 0.7 + 0.4)
+        assert data.qfrc_actuator[1] == pytest.approx(want)
 
 
-class TestCoupledMotors:
-    def test_turn_with_their_joints(self, arm: NominalArm, tmp_path: Path) -> None:
-        """Motor 3 turns joint 3 and half of joint 2: rotor, viscous and Coulomb friction act on both."""
-        coupling = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0.5, 1]])
-        coupled = replace(arm, coupling=coupling)
-        effects = (
-            applied("coupled_armature", 3, inertia=0.3),
-            applied("coupled_viscous_friction", 3, coefficient=2.0),
-            applied("coupled_coulomb_friction", 3, torque=1.0),
-        )
-        before, after = gaps(coupled, effects, tmp_path)
-        assert after < 0.01 * before
+@pytest.mark.parametrize("encoder", ["motor", "joint"])
+def test_gear_is_read_where_the_encoder_sits(
+    arm: NominalArm, tmp_path: Path, encoder: str
+) -> None:
+    arm = load_nominal_arm(arm.urdf, sheet={**SHEET, "encoder": encoder})
+    effect = applied("joint_elasticity", 3, stiffness=1000.0, damping=5.0)
+    model = load(arm, (effect,), tmp_path)
+    data = mujoco.MjData(model)
+    data.joint("j3").qpos, data.joint("j3_motor").qpos = 0.1, 0.2
+    mujoco.mj_forward(model, data)
+    assert data.sensor("j3").data[0] == (0.2 if encoder == "motor" else 0.1)
+
+
+def test_gear_without_a_rotor_is_left_out(arm: NominalArm, tmp_path: Path) -> None:
+    bare = load_nominal_arm(arm.urdf)
+    effect = applied("backlash", 2, width=0.01)
+    missing, _ = export(CorrectedArm(bare, (effect,)), "mjcf", tmp_path / "a.xml")
+    said = [line for line in missing if line.startswith("backlash, joint 2")]
+    assert len(said) == 1 and "nominal.armature" in said[0]
+
+
+def test_coupled_motors_turn_with_their_joints(arm: NominalArm, tmp_path: Path) -> None:
+    """Motor 3 turns joint 3 and half of joint 2: rotor, viscous and Coulomb friction act on both."""
+    coupling = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0.5, 1]])
+    coupled = replace(arm, coupling=coupling)
+    effects = (
+        applied("coupled_armature", 3, inertia=0.3),
+        applied("coupled_viscous_friction", 3, coefficient=2.0),
+        applied("coupled_coulomb_friction", 3, torque=1.0),
+    )
+    before, after = gaps(coupled, effects, tmp_path)
+    assert after < 0.01 * before
