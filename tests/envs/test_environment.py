@@ -11,7 +11,7 @@ import pytest
 from arms import Link, written
 from episodes import NAME, SHORT, rollout
 from guard import HANG
-from sweeps import daily, nightly
+from sweeps import daily
 
 import gapscope  # noqa: F401 (registers the environment)
 from gapscope.arm.errors import InputError
@@ -58,16 +58,9 @@ def test_stable_baselines_checker(
     assert [str(w.message) for w in recwarn] == []
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
-        "import gapscope, gymnasium as gym; name = ''",
-        nightly("import gymnasium as gym, gapscope; name = ''"),
-        "import gymnasium as gym; name = 'gapscope:'",
-    ],
-)
-def test_made_by_name_with_and_without_an_import(code: str) -> None:
-    code += f"\nenv = gym.make(name + {NAME!r}, episode_length=0.1); env.reset(); print(env.spec.id)"
+def test_made_by_name_without_an_import() -> None:
+    code = f"import gymnasium as gym; env = gym.make('gapscope:{NAME}', episode_length=0.1); "
+    code += "env.reset(); print(env.spec.id)"
     run = {"capture_output": True, "text": True, "timeout": HANG, "cwd": ROOT}
     done = subprocess.run([sys.executable, "-c", code], **run)
     assert done.returncode == 0, done.stderr
@@ -82,6 +75,12 @@ def test_pd_with_nominal_feedforward_tracks(robot: str, motion: str) -> None:
     observations, rewards, info = rollout(robot=robot, **how)
     assert np.abs(errors(observations, 6 if robot == "xarm6" else 7)).max() < 3e-3
     assert rewards.min() > 0.9 and not info["terminated"]
+
+
+def test_the_loop_does_not_take_the_filters_lag_for_an_error() -> None:
+    how = {"motion": "fourier", "bandwidth": 4.0, "episode_length": 2.0}
+    off = errors(rollout(seed=1, **how)[0])
+    assert np.sqrt(np.mean(off**2, axis=1)).max() < 3e-4
 
 
 MJCF = """<mujoco model="two_rods"><compiler angle="radian"/>
@@ -104,15 +103,10 @@ def test_an_arm_from_an_mjcf_file(tmp_path: Path) -> None:
     assert np.abs(errors(observations, 2)).max() < 3e-3 and not info["terminated"]
 
 
-EFFECTS = [
-    COULOMB,
-    AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.0, 0.1]}),
-    AppliedEffect("torque_scale", (2, 4), {"scale": [-0.2, 0.15]}),
-    AppliedEffect("actuator_delay", (1, 4), {"delay": 0.02}),
-]
+LATE = AppliedEffect("actuator_delay", (1, 4), {"delay": 0.02})
 
 
-@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+@pytest.mark.parametrize("effect", [COULOMB, LATE], ids=lambda effect: effect.name)
 def test_effects_change_the_outcome(effect: AppliedEffect, tmp_path: Path) -> None:
     """An effect makes tracking worse, and is the same from records as from a corrected.yaml."""
     write_corrected("test", (effect,), tmp_path / "corrected.yaml")
@@ -123,24 +117,6 @@ def test_effects_change_the_outcome(effect: AppliedEffect, tmp_path: Path) -> No
     )
     assert np.abs(errors(given[0])).max() > 1.5 * np.abs(errors(clean[0])).max()
     np.testing.assert_array_equal(given[0], read[0])
-
-
-def test_dry_friction_sticks_without_chatter() -> None:
-    """Pushed off its posture and let go, the arm comes to rest away from it, and for good."""
-    posture = np.array([0.0, 0.73, 0.0, -1.62, 0.0, 0.57, 0.0])
-    friction = AppliedEffect("coulomb_friction", tuple(range(1, 8)), {"torque": 2.0})
-    options = {"feedforward": "gravity", "action_share": 1.0, "episode_length": 4.0}
-    options |= {"motion": point_to_point(posture, posture, 1.0), "debug": True}
-    env = gym.make(NAME, effects=(friction,), **options)
-    env.reset(seed=0)
-    push, speeds = 12.0 * np.eye(7)[[1, 3]].sum(axis=0), []
-    push /= env.unwrapped.torque_scale
-    for step in range(200):
-        info = env.step((push * (step < 25)).astype(np.float32))[4]
-        speeds.append(np.abs(info["dq_true"]).max())
-    assert max(speeds[:25]) > 0.1 and max(speeds[150:]) < 1e-9
-    assert np.abs(info["q_true"] - posture).max() > 1e-3
-    env.close()
 
 
 def test_reward_by_hand() -> None:
@@ -202,7 +178,7 @@ def test_a_motion_of_ones_own_and_options_for_one_episode() -> None:
     env.close()
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-3, [0, 1e-3, 0, 2e-3, 0, 0, 0]], ids=str)
+@pytest.mark.parametrize("noise", [1e-3, [0, 1e-3, 0, 2e-3, 0, 0, 0]], ids=str)
 def test_noise_of_the_encoders_has_its_size_and_comes_from_the_seed(
     noise: float | list[float],
 ) -> None:
@@ -223,7 +199,7 @@ def test_noise_of_the_encoders_has_its_size_and_comes_from_the_seed(
     expected = np.broadcast_to(noise, 7)
     np.testing.assert_allclose(first.std(axis=0), expected, rtol=0.25, atol=1e-6)
     np.testing.assert_array_equal(first, again)
-    assert not noise or not np.array_equal(first, other)
+    assert not np.array_equal(first, other)
 
 
 def test_a_joint_at_its_stop_ends_the_episode() -> None:
