@@ -8,12 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.cli import main
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.environment import ArmTracking
 from gapscope.envs.simulated_arm import SimulatedArm
@@ -21,82 +19,68 @@ from gapscope.envs.simulated_arm import SimulatedArm
 IIWA = load_nominal_arm("kuka_iiwa").urdf
 
 
-def _entry(name: str, parameters: dict, joints: list[int] | None = None) -> dict:
-    return {"effect": name, "parameters": parameters} | (
-        {} if joints is None else {"joints": joints}
-    )
+HEAD = """schema: 1
+effects:
+- {effect: actuator_delay, joints: [1], parameters: {delay: [0.002]}}
+"""
+"""An effect that is at fault neither here nor there."""
 
 
-def _file(tmp_path: Path, *entries: dict) -> Path:
-    """A file of effects, the first of which is at fault neither here nor there."""
+def written(tmp_path: Path, *entries: str) -> Path:
+    """A file of effects, in the words of YAML."""
     path = tmp_path / "corrected.yaml"
-    harmless = _entry("actuator_delay", {"delay": [0.002]}, [1])
-    path.write_text(
-        yaml.safe_dump({"schema": 1, "effects": [harmless, *entries]}, sort_keys=False)
-    )
+    path.write_text(HEAD + "".join(f"- {{effect: {entry}}}\n" for entry in entries))
     return path
 
 
-def _run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str]:
-    """Exit code and what a command writes on standard error, in one line."""
-    with pytest.raises(SystemExit) as stopped:
-        main([str(argument) for argument in arguments])
-    return int(stopped.value.code or 0), " ".join(capsys.readouterr().err.split())
+@pytest.fixture
+def record(gapscope, tmp_path: Path):
+    """Records an arm with the effects of a file, or without any, into ``case``."""
+    short = ("--recordings", 1, "--duration", 1.0, "--seed", 1, "--out")
+
+    def call(robot: object, effects: Path | None = None):
+        file = effects or written(tmp_path)
+        return gapscope("record", robot, "--effects", file, *short, tmp_path / "case")
+
+    return call
 
 
-def _record(
-    capsys: pytest.CaptureFixture, robot: object, effects: Path, *options: object
-) -> tuple[int, str]:
-    short = (
-        "--recordings",
-        1,
-        "--duration",
-        1.0,
-        "--seed",
-        1,
-        "--out",
-        effects.parent / "case",
-    )
-    return _run(capsys, "record", robot, "--effects", effects, *short, *options)
-
-
-ROTOR = _entry("armature", {"inertia": [1e-3]}, [2])
+ROTOR = "armature, joints: [2], parameters: {inertia: [1e-3]}"
+ELASTIC = "joint_elasticity, joints: [2], parameters: {%s: [%s], damping: [0.0]}"
+HEAVY = "payload, parameters: {mass: -3.0, com: [0, 0, 0]}"
 EFFECTS = {
     "joint that does not exist": (
-        [_entry("coulomb_friction", {"torque": [1.0]}, [9])],
+        ["coulomb_friction, joints: [9], parameters: {torque: [1.0]}"],
         "effects[1], coulomb_friction: joint 9 of an arm with 7 joints",
         "joints count from 1 to 7",
     ),
     "link that does not exist": (
-        [_entry("link_inertia", {"link": 9, "mass": 1.0, "com": [0, 0, 0]})],
+        ["link_inertia, parameters: {link: 9, mass: 1.0, com: [0, 0, 0]}"],
         "effects[1], link_inertia: joint 9 of an arm with 7 joints",
         "a link has the number of the joint that moves it",
     ),
     "payload that leaves a negative mass": (
-        [_entry("payload", {"mass": -3.0, "com": [0, 0, 0]})],
+        [HEAVY],
         "effects[1], payload: the link moved by joint 7 (lbr_iiwa_joint_7) has mass -2.7 kg",
         "an increment that leaves the link's mass and inertia above zero",
     ),
     "friction that feeds energy in": (
-        [_entry("coulomb_friction", {"torque": [-5.0]}, [3])],
+        ["coulomb_friction, joints: [3], parameters: {torque: [-5.0]}"],
         "effects[1], coulomb_friction: nominal value plus effect is -5 N m at joint 3",
         "zero or above",
     ),
     "stiffness that the step cannot hold": (
-        [
-            ROTOR,
-            _entry("joint_elasticity", {"stiffness": [1e7], "damping": [0.0]}, [2]),
-        ],
+        [ROTOR, ELASTIC % ("stiffness", 1e7)],
         "effects[2], joint_elasticity.stiffness: the stiffness or damping about joint 2 moves at",
         "a lower stiffness or damping, or more rotor inertia",
     ),
     "elasticity without a rotor": (
-        [_entry("joint_elasticity", {"stiffness": [1e4], "damping": [0.0]}, [2])],
+        [ELASTIC % ("stiffness", 1e4)],
         "effects[1], joint_elasticity: joint 2 has a motor of its own but no rotor inertia",
         "nominal.armature",
     ),
     "unknown parameter": (
-        [_entry("joint_elasticity", {"stifness": [1e4], "damping": [0.0]}, [2])],
+        [ELASTIC % ("stifness", 1e4)],
         "effects[1], joint_elasticity: expected the parameters stiffness, damping; got stifness, damping",
         "'stifness' is unknown: did you mean 'stiffness'? give stiffness in N m/rad, damping in N m s/rad",
     ),
@@ -107,15 +91,14 @@ EFFECTS = {
     ("entries", "message", "remedy"), EFFECTS.values(), ids=EFFECTS
 )
 def test_an_effect_at_fault(
-    capsys, tmp_path: Path, entries: list[dict], message: str, remedy: str
+    record, tmp_path: Path, entries: list[str], message: str, remedy: str
 ) -> None:
     """File, entry and field, and what to do; from the command, and from the environment that is given the file."""
-    file = _file(tmp_path, *entries)
-    code, text = _record(capsys, "kuka_iiwa", file)
-    assert code == 2 and "Traceback" not in text and not (tmp_path / "case").exists()
-    assert (
-        f"gapscope: {file}, {message}" in text and remedy in text.split("remedy: ")[1]
-    )
+    file = written(tmp_path, *entries)
+    done = record("kuka_iiwa", file)
+    assert done.code == 2 and not (tmp_path / "case").exists()
+    assert f"gapscope: {file}, {message}" in done.said
+    assert remedy in done.said.split("remedy: ")[1]
     with pytest.raises(InputError, match=re.escape(message.split(": ", 1)[1])):
         ArmTracking("kuka_iiwa", effects=file)
 
@@ -160,13 +143,13 @@ def _moments(ixx: float) -> str:
     ],
 )
 def test_an_inertia_that_no_body_can_have_is_refused(
-    capsys, tmp_path: Path, change: tuple[str, str], message: str, remedy: str
+    record, tmp_path: Path, change: tuple[str, str], message: str, remedy: str
 ) -> None:
     file = tmp_path / "broken.urdf"
     file.write_text(_third_link(*change))
-    code, text = _record(capsys, file, _file(tmp_path))
-    assert code == 2 and f"{file}" in text and message in text
-    assert remedy in text.split("remedy: ")[1]
+    done = record(file)
+    assert done.code == 2 and f"{file}" in done.said and message in done.said
+    assert remedy in done.said.split("remedy: ")[1]
 
 
 ODD = {
@@ -185,7 +168,7 @@ ODD = {
 @pytest.mark.parametrize(("change", "message"), ODD.values(), ids=ODD)
 @pytest.mark.filterwarnings("always::gapscope.arm.errors.ModelWarning")
 def test_an_odd_inertia_is_told_and_simulated_alike_on_every_engine(
-    capsys, tmp_path: Path, change: tuple[str, str], message: str
+    record, tmp_path: Path, change: tuple[str, str], message: str
 ) -> None:
     """Published models break the triangle inequality; engines left alone would zero it, or give a link 1 kg."""
     file = tmp_path / "odd.urdf"
@@ -208,20 +191,16 @@ def test_an_odd_inertia_is_told_and_simulated_alike_on_every_engine(
             np.testing.assert_allclose(
                 needed, torque, atol=1e-6 * np.abs(body.bias(q, dq)).max()
             )
-    code, text = _record(capsys, file, _file(tmp_path))
-    assert code == 0 and f"note: {file}: {message}" in text
+    done = record(file)
+    assert done.code == 0 and f"note: {file}: {message}" in done.said
 
 
-def test_a_corrected_model_at_fault_is_not_replayed(capsys, tmp_path: Path) -> None:
-    assert _record(capsys, "kuka_iiwa", _file(tmp_path))[0] == 0
-    model = _file(tmp_path, _entry("payload", {"mass": -3.0, "com": [0, 0, 0]}))
-    common = (
-        "--recording",
-        tmp_path / "case" / "recording_1.csv",
-        "--out",
-        tmp_path / "replayed.csv",
-    )
-    code, text = _run(capsys, "replay", tmp_path / "case", "--model", model, *common)
-    assert (
-        code == 2 and f"{model}, effects[1], payload: the link moved by joint 7" in text
-    )
+def test_a_corrected_model_at_fault_is_not_replayed(
+    record, gapscope, tmp_path: Path
+) -> None:
+    assert record("kuka_iiwa").code == 0
+    model, case = written(tmp_path, HEAVY), tmp_path / "case"
+    files = ("--recording", case / "recording_1.csv", "--out", tmp_path / "out.csv")
+    done = gapscope("replay", case, "--model", model, *files)
+    said = f"{model}, effects[1], payload: the link moved by joint 7"
+    assert done.code == 2 and said in done.said
