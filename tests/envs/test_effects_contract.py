@@ -13,7 +13,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.catalogue import CATALOGUE, register, remove
+from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Path, Sensing, Transmission
 from gapscope.effects.severity import draw
@@ -26,46 +26,38 @@ POSTURE = np.array([0.1, 0.6, -0.2, -1.2, 0.3, 0.8, 0.1])
 SPEED = np.array([0.4, -0.3, 0.5, 0.4, -0.5, 0.6, -0.7])
 TORQUE = np.array([20.0, -60.0, 15.0, 25.0, -4.0, 2.0, 1.5])
 
-OFF = {
-    "torque_saturation": {"limit": 1e4},
-    "stribeck_friction": {"torque": 0.0, "velocity": 0.1},
-    "saturating_friction": {"torque": 0.0, "velocity": 0.5},
-    "friction_drift": {"amplitude": 0.0, "time_constant": 10.0},
-    "link_inertia": {"link": 3.0},
-}
-"""Values that switch an effect off, where that is not zero."""
 NEVER_OFF = ("joint_elasticity",)
 """No stiffness makes a joint rigid: ``drive/test_two_mass.py`` compares it with closed formulas."""
 SIGNED = {
-    "coulomb_friction": "torque",
-    "viscous_friction": "coefficient",
-    "armature": "inertia",
-    "payload": "mass",
-    "link_inertia": "mass",
-    "base_tilt": "roll",
-    "parallel_spring": "stiffness",
-    "torque_ripple": "amplitude",
-    "torque_scale": "scale",
-    "torque_offset": "torque",
-    "friction_drift": "amplitude",
-    "external_force": "force",
-    "encoder_offset": "offset",
+    name: effect.parameters[number].name
+    for name, effect in CATALOGUE.items()
+    for number in (1 if name == "link_inertia" else 0,)
+    if effect.parameters[number].bounds[0] < 0
 }
 """Parameters whose sign has a meaning, and that act in proportion while they are small."""
+SHORTLY = {
+    # drawn beyond the torque of a short motion
+    "torque_saturation": {"limit": [10.0, 10.0]},
+    "external_force": {"force": [20.0, 5.0, -9.0], "start": 1.9, "end": 2.0},
+}
 
 
-def _applied(
-    effect: Effect, values: dict[str, object], joints: tuple[int, ...] = (2, 4)
-) -> AppliedEffect:
-    return AppliedEffect(effect.name, joints if effect.scope == "joint" else (), values)  # type: ignore[arg-type]
+def _applied(name: str, values: dict[str, object]) -> AppliedEffect:
+    joints = (2, 4) if CATALOGUE[name].scope == "joint" else ()
+    return AppliedEffect(name, joints, values)  # type: ignore[arg-type]
 
 
 def _drawn(arm: NominalArm, name: str) -> AppliedEffect:
     return draw(name, np.random.default_rng(7), ArmScale.of(arm), joints=(2, 4))
 
 
+def _values(arm: NominalArm, name: str) -> dict[str, object]:
+    """Values that show on a short motion."""
+    return SHORTLY.get(name) or _drawn(arm, name).parameters
+
+
 def _run(
-    arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, steps: int = 60
+    arm: NominalArm, engine: str, *effects: AppliedEffect, steps: int = 60
 ) -> np.ndarray:
     """Readings and true state under a torque that changes its sign, shape (steps, 3 n)."""
     rows, how = [], {"engine": engine, "encoder_noise": 1e-5}
@@ -77,39 +69,28 @@ def _run(
     return np.array(rows)
 
 
-def _zero(effect: Effect, **others: float) -> dict[str, object]:
-    """No effect by its values, but for others."""
-    return {
-        p.name: np.zeros(p.size) if p.size > 1 else others.get(p.name, 0.0)
-        for p in effect.parameters
-    }
-
-
-SHORTLY = {
-    # drawn beyond the torque of a short motion
-    "torque_saturation": {"limit": [10.0, 10.0]},
-    "external_force": {"force": [20.0, 5.0, -9.0], "start": 1.9, "end": 2.0},
-}
-ACTING = {"link": 3.0, "velocity": 1.0, "time_constant": 5.0, "cycles": 3.0, "phase": 0.5, "end": 9.0}  # fmt: skip
-"""Parameters that are not zero where another one acts."""
-
-
 @EACH_ENGINE
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_an_effect_repeats_itself_and_on_means_on_and_off_means_off(
     engines, data_sheet_arm: NominalArm, name: str, engine: str
 ) -> None:
-    arm, effect, engine = data_sheet_arm, CATALOGUE[name], engines(engine)
-    nominal = _run(arm, (), engine)
-    drawn, again = (_run(arm, (_drawn(arm, name),), engine) for _ in "ab")
-    assert np.isfinite(drawn).all() and np.ptp(drawn, axis=0).min() > 0
-    np.testing.assert_array_equal(drawn, again)
-    if name in SHORTLY:
-        drawn = _run(arm, (_applied(effect, SHORTLY[name]),), engine)
-    assert np.abs(drawn - nominal).max() > 1e-5
+    arm, engine = data_sheet_arm, engines(engine)
+    values, nominal = _values(arm, name), _run(arm, engine)
+    on, again = (_run(arm, engine, _applied(name, values)) for _ in "ab")
+    assert np.isfinite(on).all() and np.ptp(on, axis=0).min() > 0
+    np.testing.assert_array_equal(on, again)
+    assert np.abs(on - nominal).max() > 1e-5
+    # what goes with the severity is zero, a limit is beyond all that is met
+    none = {1: 0.0, -1: 1e4}
+    parameters = [p for p in CATALOGUE[name].parameters if p.severity]
+    zero = {
+        p.name: np.full(p.size, none[p.severity]).squeeze()
+        for p in parameters
+        if p.name in values
+    }
     if name not in NEVER_OFF:
-        off = _applied(effect, _zero(effect) | OFF.get(name, {}))
-        np.testing.assert_allclose(_run(arm, (off,), engine), nominal, atol=1e-12)
+        off = _run(arm, engine, _applied(name, values | zero))
+        np.testing.assert_allclose(off, nominal, atol=1e-12)
 
 
 @EACH_ENGINE
@@ -117,17 +98,10 @@ def test_an_effect_repeats_itself_and_on_means_on_and_off_means_off(
 def test_a_negative_value_acts_the_other_way(
     engines, data_sheet_arm: NominalArm, name: str, engine: str
 ) -> None:
-    effect, key = CATALOGUE[name], SIGNED[name]
+    arm, values = data_sheet_arm, _values(data_sheet_arm, name)
     size = np.array([1.0, 2.0, 3.0]) if name == "external_force" else 0.01
-    below, zero, above = (
-        _run(
-            data_sheet_arm,
-            (_applied(effect, _zero(effect, **ACTING) | {key: sign * size}),),
-            engines(engine),
-            steps=3,
-        )
-        for sign in (-1.0, 0.0, 1.0)
-    )
+    several = [_applied(name, values | {SIGNED[name]: x * size}) for x in (-1, 0, 1)]
+    below, zero, above = (_run(arm, engines(engine), x, steps=3) for x in several)
     up, down = above - zero, below - zero
     assert np.abs(up).max() > 1e-9
     np.testing.assert_allclose(up, -down, atol=0.03 * np.abs(up).max())
@@ -201,7 +175,7 @@ def test_the_simulated_motion_needs_the_torque_that_the_law_says(
     """Viscous friction of the end of a step instead of its beginning makes 0.01 N m; the effects are 40 times that."""
     arm = data_sheet_arm
     if name in SEVERE:
-        effect = _applied(CATALOGUE[name.split()[0]], SEVERE[name])
+        effect = _applied(name.split()[0], SEVERE[name])
     else:
         effect = on_arm(name) if name in RECORDS else _drawn(arm, name)
     before, after, seen, q = _gaps(arm, effect, engines(engine))
@@ -211,37 +185,32 @@ def test_the_simulated_motion_needs_the_torque_that_the_law_says(
         np.testing.assert_allclose(seen, law.recorded(q, *values), rtol=1e-15)
 
 
-@pytest.mark.parametrize(
-    "record",
-    [
-        Path(
-            *("slow", "actuation", "joint", "", ()),
-            *("", ""),
-            inverse=lambda needed, series, s: needed + s * series.rate(needed),
-            applied=lambda recorded, series, s: recorded - s * series.rate(recorded),
-            place=3,
-            varies_with="time",
-        ),
-        Transmission(
-            *("sloppy", "transmission", "joint", "", ()),
-            *("", ""),
-            deflection=lambda torque, s: s * torque,
-            lag=lambda s: np.zeros_like(s),
-            behind=lambda matrices, rate, torque, s: torque,
-            starts=lambda inertia, torque: iter(()),
-        ),
-    ],
-    ids=lambda record: record.name,
+SLOW = Path(
+    *("slow", "actuation", "joint", "", ()),
+    *("", ""),
+    inverse=lambda needed, series, s: needed + s * series.rate(needed),
+    applied=lambda recorded, series, s: recorded - s * series.rate(recorded),
+    place=3,
+    varies_with="time",
 )
+SLOPPY = Transmission(
+    *("sloppy", "transmission", "joint", "", ()),
+    *("", ""),
+    deflection=lambda torque, s: s * torque,
+    lag=lambda s: np.zeros_like(s),
+    behind=lambda matrices, rate, torque, s: torque,
+    starts=lambda inertia, torque: iter(()),
+)
+
+
+@pytest.mark.parametrize("record", [SLOW, SLOPPY], ids=lambda record: record.name)
 def test_an_effect_without_a_step_is_refused(
-    data_sheet_arm: NominalArm, record: Effect
+    data_sheet_arm: NominalArm, record: Effect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    record = replace(record, parameters=(CATALOGUE["torque_scale"].parameter("scale"),))
-    register(record)
-    try:
-        applied = AppliedEffect(record.name, (1,), {"scale": 0.1})
-        with pytest.raises(InputError, match="no step for this effect") as caught:
-            SimulatedArm(data_sheet_arm, (applied,))
-    finally:
-        remove(record.name)
+    scale = CATALOGUE["torque_scale"].parameter("scale")
+    record = replace(record, parameters=(scale,))
+    monkeypatch.setitem(CATALOGUE, record.name, record)
+    applied = AppliedEffect(record.name, (1,), {"scale": 0.1})
+    with pytest.raises(InputError, match="no step for this effect") as caught:
+        SimulatedArm(data_sheet_arm, (applied,))
     assert caught.value.where == record.name
