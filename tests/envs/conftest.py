@@ -1,6 +1,7 @@
 """Arms that several tests simulate."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,14 @@ def data_sheet_arm() -> NominalArm:
 def bare_arm(data_sheet_arm: NominalArm) -> NominalArm:
     """The same without armature, friction and torque limits."""
     return NominalArm("bare", data_sheet_arm.urdf, data_sheet_arm.joints)
+
+
+@pytest.fixture(scope="session")
+def coupled_arm(bare_arm: NominalArm) -> NominalArm:
+    """The same with a motor 7 that turns joint 6, too: its speed is dq7 - dq6."""
+    coupling = np.eye(7)
+    coupling[6, 5] = -1.0
+    return replace(bare_arm, coupling=coupling)
 
 
 @pytest.fixture(scope="session")

@@ -21,25 +21,26 @@ from gapscope.effects.effect import (
 )
 from gapscope.effects.parameter import Parameter
 
+RECORDS: dict[str, Any] = {}
+VALUES: dict[str, dict[str, Any]] = {}
+"""Of each on joints 2 and 4 of a KUKA iiwa."""
 
-def _record(
-    kind: type[Effect], name: str, *parameters: str, scope: str = "joint", **laws: Any
-) -> Any:
-    """A record with laws, and parameters in any unit and of any size."""
-    named = [
+
+def _own(
+    kind: type[Effect], name: str, values: dict[str, Any], *scope: str, **laws: Any
+) -> None:
+    """Enter a record with laws, and parameters in any unit and of any size."""
+    parameters = tuple(
         Parameter(
-            x,
-            x,
-            "1",
-            (-1e3, 1e3),
-            (0.1, 1.0),
+            *(x, x, "1", (-1e3, 1e3), (0.1, 1.0)),
             size=3 if x in ("force", "com") else 1,
             severity=0 if x in ("velocity", "start", "end") else 1,
         )
-        for x in parameters
-    ]
-    common = {"family": "friction", "equation": "", "looks_like": "", "reference": ""}
-    return kind(name, scope=scope, parameters=tuple(named), **common, **laws)
+        for x in values
+    )
+    texts = {"family": "friction", "equation": "", "looks_like": "", "reference": ""}
+    laws |= {"scope": scope[0] if scope else "joint", "parameters": parameters}
+    RECORDS[name], VALUES[name] = kind(name, **texts, **laws), values
 
 
 def _dry(amplitude: Law) -> dict[str, Law]:
@@ -69,112 +70,57 @@ def _under_load(signals: Any, share: np.ndarray) -> np.ndarray:
     return signals.load * part / (1.0 - part)
 
 
-OWN = (
-    (
-        _record(
-            TorqueLaw, "cubic", "k", law=lambda s, k: k * s.velocity**3 + k * s.position
-        ),
-        {"k": [2.0, 3.0]},
-    ),
-    (
-        _record(
-            DryLaw,
-            "hyperbolic",
-            "c",
-            "velocity",
-            **_dry(
-                lambda v, load, c, speed: (
-                    c / (1.0 + np.abs(v) / np.maximum(speed, 1e-3))
-                )
-            ),
-        ),
-        {"c": [4.0, 3.0], "velocity": 0.2},
-    ),
-    (_record(DryLaw, "kinked", "c", **_dry(_kinked)), {"c": [4.0, 3.0]}),
-    (
-        _record(DryLaw, "loaded", "share", law=_under_load, amplitude=_loaded),
-        {"share": [0.1, 0.2]},
-    ),
-    (
-        _record(
-            DryLaw,
-            "steady",
-            "c",
-            varies_with="nothing",
-            **_dry(lambda v, load, c: c**2 + 0.0 * v),
-        ),
-        {"c": [2.0, 1.5]},
-    ),
-    (
-        _record(Drift, "warming", "share", change=lambda t, share: share / (9.0 + t)),
-        {"share": [4.0, -2.0]},
-    ),
-    (
-        _record(
-            LinkChange,
-            "tool",
-            "mass",
-            "com",
-            scope="arm",
-            change=lambda own, mass, com: (
-                point_mass_parameters(float(mass), com)
-                + point_mass_parameters(float(mass), -com)
-            ),
-        ),
-        {"mass": 0.7, "com": [0.05, 0.0, 0.1]},
-    ),
-    (
-        _record(
-            Path,
-            "eccentric",
-            "share",
-            place=6,
-            applied=lambda u, series, a: u * (1.0 + a * np.sin(series.position)),
-            inverse=lambda u, series, a: u / (1.0 + a * np.sin(series.position)),
-        ),
-        {"share": [0.2, 0.3]},
-    ),
-    (
-        _record(
-            Path,
-            "early_offset",
-            "torque",
-            place=0,
-            varies_with="nothing",
-            applied=lambda u, series, torque: u - torque,
-            inverse=lambda u, series, torque: u + torque,
-        ),
-        {"torque": [2.0, -3.0]},
-    ),
-    (
-        _record(
-            Sensing,
-            "stretched",
-            "share",
-            recorded=lambda q, share: q * (1.0 + share),
-            true=lambda q, share: q / (1.0 + share),
-        ),
-        {"share": [0.04, 0.06]},
-    ),
-    (
-        _record(
-            External,
-            "knocks",
-            "force",
-            "start",
-            "end",
-            scope="arm",
-            active=lambda t, start, end: (t >= start) & (t < end) & (t * 20 % 2 < 1),
-        ),
-        {"force": [20.0, 5.0, -9.0], "start": 0.1, "end": 0.4},
+_own(
+    *(TorqueLaw, "cubic", {"k": [2.0, 3.0]}),
+    law=lambda s, k: k * s.velocity**3 + k * s.position,
+)
+_own(
+    *(DryLaw, "hyperbolic", {"c": [4.0, 3.0], "velocity": 0.2}),
+    **_dry(lambda v, load, c, speed: c / (1.0 + np.abs(v) / np.maximum(speed, 1e-3))),
+)
+_own(DryLaw, "kinked", {"c": [4.0, 3.0]}, **_dry(_kinked))
+_own(DryLaw, "loaded", {"share": [0.1, 0.2]}, law=_under_load, amplitude=_loaded)
+_own(
+    *(DryLaw, "steady", {"c": [2.0, 1.5]}),
+    **_dry(lambda v, load, c: c**2 + 0.0 * v),
+    varies_with="nothing",
+)
+_own(
+    *(Drift, "warming", {"share": [4.0, -2.0]}),
+    change=lambda t, share: share / (9.0 + t),
+)
+_own(
+    *(LinkChange, "tool", {"mass": 0.7, "com": [0.05, 0.0, 0.1]}, "arm"),
+    change=lambda own, mass, com: (
+        point_mass_parameters(float(mass), com)
+        + point_mass_parameters(float(mass), -com)
     ),
 )
-"""Each with values on joints 2 and 4 of a KUKA iiwa."""
-RECORDS = {effect.name: effect for effect, _ in OWN}
+_own(
+    *(Path, "eccentric", {"share": [0.2, 0.3]}),
+    place=6,
+    applied=lambda u, series, a: u * (1.0 + a * np.sin(series.position)),
+    inverse=lambda u, series, a: u / (1.0 + a * np.sin(series.position)),
+)
+_own(
+    *(Path, "early_offset", {"torque": [2.0, -3.0]}),
+    place=0,
+    varies_with="nothing",
+    applied=lambda u, series, torque: u - torque,
+    inverse=lambda u, series, torque: u + torque,
+)
+_own(
+    *(Sensing, "stretched", {"share": [0.04, 0.06]}),
+    recorded=lambda q, share: q * (1.0 + share),
+    true=lambda q, share: q / (1.0 + share),
+)
+_own(
+    *(External, "knocks", {"force": [20.0, 5.0, -9.0], "start": 0.1, "end": 0.4}, "arm"),
+    active=lambda t, start, end: (t >= start) & (t < end) & (t * 20 % 2 < 1),
+)  # fmt: skip
 
 
 def on_arm(name: str) -> AppliedEffect:
     """One of them, once it is registered, with its values."""
-    effect, values = next(item for item in OWN if item[0].name == name)
-    joints = (2, 4) if effect.scope == "joint" else ()
-    return AppliedEffect(name, joints, values)
+    joints = (2, 4) if RECORDS[name].scope == "joint" else ()
+    return AppliedEffect(name, joints, VALUES[name])

@@ -69,15 +69,7 @@ def test_the_file_is_read_back(tmp_path: Path) -> None:
     both = effect_range(payload, stds), friction((1,), [1.0], [2.0])
     write_effect_ranges(EffectRanges(both), tmp_path / "ranges.yaml", "# head\n")
     again = read_effect_ranges(tmp_path / "ranges.yaml").ranges
-    written, read = (
-        [
-            (end.name, end.joints, {k: v.tolist() for k, v in end.parameters.items()})
-            for one in ranges
-            for end in (one.low, one.high)
-        ]
-        for ranges in (both, again)
-    )
-    assert read == written
+    assert str(again) == str(both)
 
 
 RANGE = "ranges: [{{effect: {}, joints: [1], low: {{torque: [{}]}}, high: {{torque: [2]}}}}]\n"

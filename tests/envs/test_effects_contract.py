@@ -126,13 +126,13 @@ def _planned() -> Motion:
 
 
 def _gaps(
-    arm: NominalArm, effect: AppliedEffect, engine: str
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str
 ) -> tuple[float, float, np.ndarray, np.ndarray]:
     """Largest torque gap before and after correction [N m] over a simulated motion; readings and true positions."""
-    plan, body, corrected = _planned(), RigidBody(arm), CorrectedArm(arm, (effect,))
+    plan, body, corrected = _planned(), RigidBody(arm), CorrectedArm(arm, effects)
     commanded = corrected.unlimited.predict(body, plan)
     rows = []
-    with SimulatedArm(arm, (effect,), DT, engine=engine) as simulated:
+    with SimulatedArm(arm, effects, DT, engine=engine) as simulated:
         simulated.start(plan.q[0], plan.dq[0])
         for torque in commanded:
             rows.append((simulated.encoders(), simulated.q, simulated.dq))
@@ -178,11 +178,27 @@ def test_the_simulated_motion_needs_the_torque_that_the_law_says(
         effect = _applied(name.split()[0], SEVERE[name])
     else:
         effect = on_arm(name) if name in RECORDS else _drawn(arm, name)
-    before, after, seen, q = _gaps(arm, effect, engines(engine))
+    before, after, seen, q = _gaps(arm, (effect,), engines(engine))
     assert after < 0.012
     assert before > 0.4 or name == "encoder_quantization"
     for law, values in CorrectedArm(arm, (effect,)).of_kind(Sensing):
         np.testing.assert_allclose(seen, law.recorded(q, *values), rtol=1e-15)
+
+
+COUPLED = (
+    AppliedEffect("coupled_coulomb_friction", (7,), {"torque": [1.0]}),
+    AppliedEffect("coupled_viscous_friction", (7,), {"coefficient": [0.5]}),
+    AppliedEffect("coupled_armature", (7,), {"inertia": [0.2]}),
+    AppliedEffect("coulomb_friction", (6,), {"torque": [0.5]}),
+)
+
+
+@EACH_ENGINE
+def test_so_does_that_of_a_motor_that_turns_two_joints(
+    engines, coupled_arm: NominalArm, engine: str
+) -> None:
+    before, after, *_ = _gaps(coupled_arm, COUPLED, engines(engine))
+    assert after < 0.012 and before > 0.4
 
 
 SLOW = Path(

@@ -94,10 +94,8 @@ def test_torque_is_the_documented_law_of_the_recorded_columns(
 
 def test_same_seed_same_recording_bit_by_bit(data_sheet_arm: NominalArm) -> None:
     effect = AppliedEffect("load_friction", (2, 4), {"coefficient": [0.15, 0.1]})
-    first, second = (
-        _record(data_sheet_arm, effect, torque_noise=0.1, duration=1.0)
-        for _ in range(2)
-    )
+    how = {"torque_noise": 0.1, "duration": 1.0}
+    first, second = (_record(data_sheet_arm, effect, **how) for _ in "ab")
     for channel in ("q", "dq", "tau"):
         np.testing.assert_array_equal(getattr(first, channel), getattr(second, channel))
 

@@ -54,10 +54,8 @@ def recording(data_sheet_arm: NominalArm, controller: Controller) -> Recording:
 def test_same_effects_close_the_gap(
     data_sheet_arm: NominalArm, controller: Controller, recording: Recording
 ) -> None:
-    nominal, same = (
-        replay(data_sheet_arm, effects, recording, controller)
-        for effects in ((), EFFECTS)
-    )
+    several = ((), EFFECTS)
+    nominal, same = (replay(data_sheet_arm, x, recording, controller) for x in several)
     assert same.through_controller
     assert same.q.shape == same.tau.shape == recording.q.shape
     assert nominal.rmse.max() > 1e-2 and same.rmse.max() < 1e-4, same.rmse
@@ -72,9 +70,8 @@ def test_a_known_payload_is_one_more(
 ) -> None:
     """Beside a payload found as alone: the sum of both is simulated; the controller believes in neither."""
     load = KnownLoad(2.0, (0.0, 0.0, 0.05))
-    carried = replay(
-        data_sheet_arm, EFFECTS[1:], replace(recording, payload=load), controller
-    )
+    loaded = replace(recording, payload=load)
+    carried = replay(data_sheet_arm, EFFECTS[1:], loaded, controller)
     assert carried.rmse.max() < 1e-4
     half = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.0, 0.0, 0.05]})
     rest = replace(recording, payload=KnownLoad(1.0, load.com))

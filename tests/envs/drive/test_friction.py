@@ -114,3 +114,20 @@ def test_load_friction_sticks_up_to_its_share_of_the_motor_torque(
         for _ in range(100):
             simulated.step(np.array([-torque]))
         assert (-np.sign(simulated.q[0]) if abs(simulated.q[0]) > 1e-6 else 0) == moves
+
+
+@pytest.mark.parametrize("engine", daily(ENGINES, "mujoco"))
+def test_joints_of_a_sticking_motor_move_together(
+    engines, coupled_arm: NominalArm, engine: str
+) -> None:
+    """Joints 6 and 7 pushed alike do not turn motor 7 if that sticks hard enough."""
+    strong = AppliedEffect("coupled_coulomb_friction", (7,), {"torque": [50.0]})
+    arm = replace(coupled_arm, armature=np.full(7, 0.1), viscous=np.full(7, 0.5))
+    with SimulatedArm(arm, (strong,), engine=engines(engine)) as simulated:
+        simulated.reset(np.zeros(7))
+        for _ in range(300):
+            bias = simulated.body.bias(simulated.q, np.zeros(7))
+            simulated.step(bias + 2.0 * np.eye(7)[5])
+        speed = simulated.dq
+    assert speed[5] > 0.05
+    assert speed[6] == pytest.approx(speed[5], rel=1e-3)
