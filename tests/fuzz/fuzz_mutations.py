@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 import json
 import random
+import re
 import struct
-import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable
 from copy import deepcopy
+from itertools import zip_longest
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import yaml
@@ -67,77 +69,67 @@ def of_bytes(content: bytes, rng: random.Random) -> bytes:
     return bytes(data)
 
 
-def of_csv(content: bytes, rng: random.Random) -> bytes:
-    """Cells, columns, rows, separators and the header."""
-    rows = [line.split(",") for line in content.decode().splitlines()]
-    for _ in range(rng.choice((1, 1, 2, 3))):
-        row, column = rng.randrange(len(rows)), rng.randrange(len(rows[0]))
-        kind = rng.randrange(9)
-        if kind <= 2:
-            rows[row][column % len(rows[row])] = str(nasty(rng))
-        elif kind == 3:
-            value, factor = rng.choice(NUMBERS[:16]), rng.choice((None, -1, 57.3, 1e12))
-            for cells in rows[1:]:
-                try:
-                    changed = value if factor is None else factor * float(cells[column])
-                except (ValueError, IndexError):
-                    changed = ""
-                cells[column % len(cells)] = str(changed)
-        elif kind == 4:
-            more = rng.choice((0, 2))
-            rows = [
-                cells[:column] + cells[column : column + 1] * more + cells[column + 1 :]
-                or [""]
-                for cells in rows
-            ]
-        elif kind == 5:
-            rows[row:] = rows[row:][:: rng.choice((-1, 2, 25))]
-        elif kind == 6:
-            rows[row:row] = [list(rows[row])] * rng.choice((1, 3, 40))
-        elif kind == 7:
-            names = ("t", "q1", "q3", "dq1", "tau9", "q01", "")
-            rows[0][column % len(rows[0])] = rng.choice(names)
-        else:
-            rows = rows[: rng.choice((0, 1, 2, 5))] or [[""]]
-    separator = rng.choice((",", ",", ",", ",", ";", "\t", " ", "|"))
-    text = "\n".join(separator.join(cells) for cells in rows)
-    return text.encode("utf-8", "surrogatepass")
+def _place(value: Any, rng: random.Random) -> tuple[Any, Any]:
+    """Parent and key of a value inside plain data, at any depth."""
+    parent = key = None
+    while isinstance(value, (dict, list)) and value:
+        if parent is not None and rng.random() < 0.3:
+            break
+        parent = value
+        key = rng.choice(list(value if isinstance(value, dict) else range(len(value))))
+        value = parent[key]
+    return parent, key
 
 
-def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Paths of all values inside plain data."""
-    keys: Any = value if isinstance(value, dict) else ()
-    keys = range(len(value)) if isinstance(value, list) else keys
-    found = [path] if path else []
-    for key in keys:
-        found += _places(value[key], (*path, key))
-    return found
+def _scaled(value: Any, factor: float) -> Any:
+    try:
+        return factor * float(value)
+    except (TypeError, ValueError, OverflowError):
+        return value
 
 
 def of_data(value: Any, rng: random.Random) -> Any:
-    """Plain data with some values replaced, removed, repeated or nested."""
+    """Plain data with some values replaced, removed, repeated, scaled or nested."""
     value = json.loads(json.dumps(value))
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
-        places = _places(value)
-        if not places:
+        parent, key = _place(value, rng)
+        if parent is None:
             return nasty(rng)
-        *above, last = rng.choice(places)
-        parent = value
-        for step in above:
-            parent = parent[step]
-        kind = rng.randrange(8)
+        found, kind = parent[key], rng.randrange(9)
         if kind <= 3:
-            parent[last] = nasty(rng)
+            parent[key] = nasty(rng)
         elif kind == 4:
-            del parent[last]
+            del parent[key]
         elif kind == 5:
-            parent[last] = [parent[last]] * rng.choice((0, 1, 2, 9))
+            parent[key] = [found] * rng.choice((0, 1, 2, 9))
         elif kind == 6 and isinstance(parent, dict):
-            parent[rng.choice(("x", "schema", "effects", "joints", ""))] = parent[last]
+            parent[rng.choice(("x", "schema", "effects", "joints", ""))] = found
+        elif kind <= 7 and isinstance(found, list):
+            factor = rng.choice((-1, 57.3, 1e12, *NUMBERS[:8]))
+            parent[key] = [_scaled(x, factor) for x in found]
         else:
             for _ in range(rng.choice((1, 3, 60))):
-                parent[last] = [parent[last]]
+                parent[key] = [parent[key]]
     return value
+
+
+def of_csv(content: bytes, rng: random.Random) -> bytes:
+    """Cells, columns, rows, separators and the header."""
+    rows = [line.split(",") for line in content.decode().splitlines()]
+    if rng.random() < 0.2:
+        names = ("t", "q1", "q3", "dq1", "tau9", "q01", "")
+        rows[0][rng.randrange(len(rows[0]))] = rng.choice(names)
+    if rng.random() < 0.3:
+        row = rng.randrange(len(rows))
+        rows[row:] = rows[row:][:: rng.choice((-1, 2, 25))] * rng.choice((0, 1, 3))
+    if rng.random() < 0.7:
+        turned = rng.random() < 0.5
+        table = of_data([*zip(*rows, strict=True)] if turned else rows, rng)
+        rows = [x if isinstance(x, list) else [x] for x in table]
+        rows = [*zip_longest(*rows, fillvalue="")] if turned else rows
+    separator = rng.choice((",", ",", ",", ",", ";", "\t", " ", "|"))
+    text = "\n".join(separator.join(map(str, cells)) for cells in rows)
+    return text.encode("utf-8", "surrogatepass")
 
 
 def of_json(content: bytes, rng: random.Random) -> bytes:
@@ -188,6 +180,15 @@ ENTITIES = (
 )
 
 
+XML_PARTS = (
+    *('"[^"]*"',) * 3,
+    r' \w+="[^"]*"',
+    r"<\w[^<>]*/>",
+    r"<(?:link|joint|body|inertial)\b.*?</(?:link|joint|body|inertial)>",
+)
+"""What is changed in an XML file: values of attributes, most often; attributes; elements."""
+
+
 def of_xml(content: bytes, rng: random.Random) -> bytes:
     """Attributes and elements; entities; nesting beyond any reader's depth."""
     if rng.random() < 0.03:
@@ -195,27 +196,21 @@ def of_xml(content: bytes, rng: random.Random) -> bytes:
         return (rng.choice(ENTITIES) + named).encode()
     if rng.random() < 0.005:
         return b"<robot name='a'>" + b"<link>" * rng.choice((200, 60_000))
-    root = ET.fromstring(content)
+    text = content.decode()
     for _ in range(rng.choice((1, 1, 2, 4))):
-        element = rng.choice(list(root.iter()))
-        kind = rng.randrange(6)
-        if kind <= 3 and element.attrib:
-            key = rng.choice(sorted(element.attrib))
-            words = element.attrib.pop(key).split() or [""]
-            value = nasty(rng)
-            words[rng.randrange(len(words))] = (
-                "" if isinstance(value, (list, dict)) else str(value)
-            )
-            if kind <= 2:
-                element.attrib[key] = " ".join(words)
-        elif len(element):
-            child = rng.choice(list(element))
-            if kind == 4:
-                element.remove(child)
-            else:
-                rng.choice(list(root.iter())).append(deepcopy(child))
-    text = ET.tostring(root, encoding="unicode")
-    return text.replace("\0", "").encode("utf-8", "surrogatepass")
+        pattern = rng.choice(XML_PARTS)
+        parts = re.split(f"({pattern})", text, flags=re.DOTALL)
+        if len(parts) == 1:
+            continue
+        place = rng.randrange(1, len(parts), 2)
+        if pattern == XML_PARTS[0]:
+            words = parts[place].strip('"').split() or [""]
+            words[rng.randrange(len(words))] = str(nasty(rng)).replace("\0", "")
+            parts[place] = quoteattr(" ".join(words))
+        else:
+            parts[place] *= rng.choice((0, 0, 2))
+        text = "".join(parts)
+    return text.encode("utf-8", "surrogatepass")
 
 
 def of_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
