@@ -35,18 +35,8 @@ def _record(arm: NominalArm, *effects: AppliedEffect, **options: object) -> Reco
     return record(arm, effects, _reference(arm), law, **settings | options)
 
 
-def _smooth(series: np.ndarray, rate: float = RATE) -> np.ndarray:
-    return sosfiltfilt(butter(4, 12.0, output="sos", fs=rate), series, axis=0)
-
-
-def _motion(recording: Recording) -> Motion:
-    q = sosfiltfilt(butter(4, 40.0, output="sos", fs=RATE), recording.q, axis=0)
-    spline = make_interp_spline(recording.t, q, k=5)
-    return Motion(recording.t, *(spline(recording.t, order) for order in range(3)))
-
-
-def _rms(series: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.mean(series[75:-75] ** 2, axis=0))
+def _smooth(series: np.ndarray, cutoff: float) -> np.ndarray:
+    return sosfiltfilt(butter(4, cutoff, output="sos", fs=RATE), series, axis=0)
 
 
 @pytest.mark.parametrize("encoder", ["motor", "joint"])
@@ -59,9 +49,12 @@ def test_corrected_arm_follows_an_elastic_joint(
     values = {"stiffness": [800.0], "damping": [30.0]}
     soft = AppliedEffect("joint_elasticity", (2,), values)
     recording = _record(arm, soft, encoder_step=0.0)
-    motion, body = _motion(recording), RigidBody(arm)
+    spline = make_interp_spline(recording.t, _smooth(recording.q, 40.0), k=5)
+    motion = Motion(recording.t, *(spline(recording.t, order) for order in range(3)))
+    body = RigidBody(arm)
     predicted = (CorrectedArm(arm, x).predict(body, motion) for x in ((), (soft,)))
-    gap, left = (_rms(_smooth(recording.tau - tau))[1] for tau in predicted)
+    gaps = (_smooth(recording.tau - tau, 12.0)[75:-75, 1] for tau in predicted)
+    gap, left = (np.sqrt(np.mean(series**2)) for series in gaps)
     assert left < 0.3 * gap, (gap, left)
 
 

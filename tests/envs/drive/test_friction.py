@@ -34,18 +34,17 @@ def test_arm_held_by_friction_on_a_slope_does_not_creep(
 def test_stribeck_friction_breaks_away_and_slides_on(pendulum) -> None:
     """2 N m to break away, 1 N m to slide: 1.9 N m leave it at rest; once pushed it goes on under 1.9 N m."""
     arm = replace(pendulum(coulomb=1.0), gravity=np.zeros(3))
-    stribeck = AppliedEffect(
-        "stribeck_friction", (1,), {"torque": [1.0], "velocity": [0.01]}
-    )
-    with SimulatedArm(arm, (stribeck,)) as simulated:
-        simulated.step(np.array([1.9]), 500)
-        assert simulated.dq == pytest.approx([0.0], abs=1e-9)
-        simulated.step(np.array([20.0]), 20)
-        before = simulated.dq
-        simulated.step(np.array([1.9]), 100)
-        assert simulated.dq - before == pytest.approx([0.1 * 0.9 / 0.55], rel=1e-3)
+    drop = {"torque": [1.0], "velocity": [0.01]}
+    with SimulatedArm(arm, (AppliedEffect("stribeck_friction", (1,), drop),)) as rod:
+        rod.step(np.array([1.9]), 500)
+        assert rod.dq == pytest.approx([0.0], abs=1e-9)
+        rod.step(np.array([20.0]), 20)
+        before = rod.dq
+        rod.step(np.array([1.9]), 100)
+        assert rod.dq - before == pytest.approx([0.1 * 0.9 / 0.55], rel=1e-3)
 
 
+STRONG = {"torque": 2.0, "amplitude": 2.0, "coefficient": 0.7, "velocity": 1.0, "time_constant": 1.0}  # fmt: skip
 FRICTION = [name for name, effect in CATALOGUE.items() if effect.family == "friction"]
 
 
@@ -57,19 +56,13 @@ def test_friction_takes_energy_out(
     """A swing without gravity loses energy at every step; load friction shows under a held torque only."""
     base = np.full(7, 1.0 if name == "friction_drift" else 0.0)
     arm = replace(data_sheet_arm, gravity=np.zeros(3), coulomb=base, viscous=base)
-    strong = {
-        "velocity": 2.0 if name == "stribeck_friction" else 0.5,
-        "coefficient": 0.3 if name == "load_friction" else 1.0,
-    }
-    values = {x: strong.get(x, 1.0) for x in CATALOGUE[name].names}
-    values |= {x: 2.0 for x in ("torque", "amplitude") if x in values}
+    values = {x: STRONG[x] for x in CATALOGUE[name].names}
     torque = np.full(7, 2.0) if name == "load_friction" else np.zeros(7)
     lost = []
     for effects in ((), (AppliedEffect(name, ALL, values),)):
         with SimulatedArm(arm, effects, engine=engines(engine)) as simulated:
             simulated.reset(SLOPE, np.array([0.5, -0.4, 0.6, 0.5, -0.6, 0.7, 0.5]))
-            energy = [_kinetic(simulated)]
-            work = 0.0
+            energy, work = [_kinetic(simulated)], 0.0
             for _ in range(100):
                 before = simulated.q
                 simulated.step(torque)
