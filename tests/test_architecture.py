@@ -5,26 +5,13 @@ from __future__ import annotations
 import ast
 from collections import Counter
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from gapscope.effects import (
-    actuation,
-    catalogue,
-    environment,
-    friction,
-    rigid_body,
-    sensing,
-    transmission,
-)
+from gapscope.effects.catalogue import SHIPPED
 from gapscope.effects.effect import Effect
-
-FAMILIES = (
-    *(actuation, catalogue, environment, friction),
-    *(rigid_body, sensing, transmission),
-)
-"""Modules that hold the records of effects."""
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "gapscope"
@@ -86,14 +73,6 @@ ONLY_IN = {
 }
 """The only places that may import a library."""
 
-EFFECTS = {
-    value.name: key
-    for source in FAMILIES
-    for key, value in vars(source).items()
-    if isinstance(value, Effect)
-}
-"""The record of each effect in the package, by the effect's name."""
-
 NAMES_EFFECTS: dict[str, str] = {
     f"gapscope.{module}": reason
     for reason, modules in {
@@ -121,63 +100,74 @@ FILES = {
 """Path of each module, by its dotted name."""
 
 
-@cache
-def imports_of(module: str) -> frozenset[str]:
+def imports_in(nodes: list[ast.AST]) -> set[str]:
     """Dotted names that a module imports, lazy ones and those for type checking included."""
-    tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
     names = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
             whole = {f"{node.module}.{alias.name}" for alias in node.names}
-            submodules = whole & FILES.keys()
-            names.update(
-                submodules if submodules == whole else {*submodules, node.module}
-            )
-    return frozenset(names - {module})
+            names |= whole & FILES.keys()
+            if whole - FILES.keys():
+                names.add(node.module)
+    return names
 
 
-def layer_of(name: str, layers: tuple[set[str], ...]) -> int:
-    """Number of the layer that holds a folder or module."""
-    return next(number for number, layer in enumerate(layers) if name in layer)
+def effects_in(nodes: list[ast.AST]) -> set[str]:
+    """Effects that a module names: as a string, docstrings aside, or by importing their record."""
+    documented = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    named = set()
+    for node in nodes:
+        if isinstance(node, ast.Constant) and id(node) not in documented:
+            named |= {node.value} & SHIPPED
+        elif isinstance(node, ast.ImportFrom) and below(
+            node.module or "", "gapscope.effects"
+        ):
+            source = import_module(node.module)
+            records = (getattr(source, alias.name, None) for alias in node.names)
+            named |= {x.name for x in records if isinstance(x, Effect)}
+    return named
 
 
-def parts_below(module: str, folder: str) -> str | None:
+@cache
+def named_in(module: str) -> tuple[set[str], set[str]]:
+    """What a module imports, and the effects that it names."""
+    text = FILES[module].read_text(encoding="utf-8")
+    nodes = list(ast.walk(ast.parse(text)))
+    return imports_in(nodes) - {module}, effects_in(nodes)
+
+
+def imports_of(module: str) -> set[str]:
+    return named_in(module)[0]
+
+
+def below(module: str, folder: str) -> str:
     """First part of a module's name below a folder, if it lies in there."""
-    return (
-        module.removeprefix(f"{folder}.").split(".")[0]
-        if module.startswith(f"{folder}.")
-        else None
-    )
+    before, _, rest = module.partition(f"{folder}.")
+    return "" if before else rest.split(".")[0]
 
 
 def check_layers(module: str, folder: str, layers: tuple[set[str], ...]) -> None:
     """Assert that what a module imports below a folder lies in its own layer or a lower one."""
-    place = parts_below(module, folder)
-    if place is None:
-        return
-    for imported in imports_of(module):
-        other = parts_below(imported, folder)
-        if other is not None:
-            assert layer_of(other, layers) <= layer_of(place, layers), imported
+    number = {name: place for place, layer in enumerate(layers) for name in layer}
+    own = below(module, folder)
+    for imported in imports_of(module) if own else ():
+        other = below(imported, folder)
+        assert not other or number[other] <= number[own], imported
 
 
 @pytest.mark.parametrize("module", FILES)
-def test_imports_go_one_way(module):
+def test_imports_go_one_way_and_libraries_are_where_they_belong(module):
     check_layers(module, "gapscope", LAYERS)
     check_layers(module, "gapscope.diagnosis", DIAGNOSIS_LAYERS)
-    place = parts_below(module, "gapscope")
+    own, imported = below(module, "gapscope"), imports_of(module)
     for pair in APART:
-        if place in pair:
-            others = {parts_below(name, "gapscope") for name in imports_of(module)}
-            assert not others & (pair - {place})
-
-
-@pytest.mark.parametrize("module", FILES)
-def test_libraries_are_imported_where_they_belong(module):
+        if own in pair:
+            others = {below(name, "gapscope") for name in imported}
+            assert not others & (pair - {own})
     place = FILES[module].relative_to(PACKAGE).as_posix()
-    libraries = {name.split(".")[0] for name in imports_of(module)}
+    libraries = {name.split(".")[0] for name in imported}
     for library, places in ONLY_IN.items():
         assert library not in libraries or place.startswith(places)
 
@@ -185,46 +175,21 @@ def test_libraries_are_imported_where_they_belong(module):
 def test_no_module_imports_itself_by_way_of_others():
     waiting = {m: {n for n in imports_of(m) if n in FILES} for m in FILES}
     while waiting:
-        free = {
-            module for module, needed in waiting.items() if not needed & waiting.keys()
-        }
+        free = {m for m, needed in waiting.items() if not needed & waiting.keys()}
         assert free, f"cycle among {sorted(waiting)}"
-        waiting = {
-            module: needed for module, needed in waiting.items() if module not in free
-        }
-
-
-def effects_named(module: str) -> set[str]:
-    """Effects that a module names: as a string, docstrings aside, or by importing their record."""
-    tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
-    documented = {
-        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)
-    }
-    named = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and id(node) not in documented:
-            named |= {node.value} & EFFECTS.keys()
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith(
-            "gapscope.effects"
-        ):
-            records = {alias.name for alias in node.names}
-            named |= {name for name, record in EFFECTS.items() if record in records}
-    return named
+        waiting = {m: needed for m, needed in waiting.items() if m not in free}
 
 
 def test_effects_are_named_in_their_records_alone():
     """The generator of the blind check shares nothing with them and has names of its own."""
     apart = ("gapscope.effects", "gapscope.blind_check.generator")
-    naming = {m for m in FILES if not m.startswith(apart) and effects_named(m)}
+    naming = {m for m in FILES if not m.startswith(apart) and named_in(m)[1]}
     assert naming == NAMES_EFFECTS.keys()
 
 
 def test_names_of_test_modules_are_unique():
     """Pytest imports them by their bare name: of two, one is not collected."""
-    paths = [
-        path
-        for path in (ROOT / "tests").rglob("*.py")
-        if path.stem not in ("conftest", "__init__")
-    ]
+    paths = (ROOT / "tests").rglob("*.py")
     names = Counter(path.stem for path in paths)
+    del names["conftest"], names["__init__"]
     assert [name for name, count in names.items() if count > 1] == []

@@ -55,7 +55,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_diagnosis_of_a_recording_finds_the_effect(folder: Path) -> None:
+def test_the_diagnosis_finds_the_effect_and_its_report_and_an_export_name_it(
+    folder: Path,
+) -> None:
     document = json.loads((folder / "found/diagnosis.json").read_text())
     (found,) = document["effects"]
     assert (found["effect"], found["joints"]) == ("cable_drag", [2])
@@ -63,15 +65,10 @@ def test_the_diagnosis_of_a_recording_finds_the_effect(folder: Path) -> None:
     assert parameters["torque"]["unit"] == "N m"
     assert parameters["torque"]["value"][0] == pytest.approx(6.0, rel=0.02)
     assert parameters["width"]["value"][0] == pytest.approx(0.5, rel=0.02)
-
-
-def test_the_report_has_its_name_equation_units_and_words(folder: Path) -> None:
     report = unescape((folder / "found/report.html").read_text(encoding="utf-8"))
     for text in ("Cable drag", "c (1 - exp(-(q / w)^2))", "N m", "larger towards"):
         assert text in report
-
-
-def test_an_export_lists_it_as_left_out(folder: Path) -> None:
+    # an export lists it as left out
     assert "cable_drag, joint 2" in (folder / "export.txt").read_text()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,49 +14,36 @@ coverage = import_module("51_interval_coverage")
 calibration_table, stated = coverage.calibration_table, coverage.stated
 coverage_table, values = coverage.coverage_table, coverage.values
 
+
+def entry(name: str, joints: list[int], stds: Any = (), p: float = 1.0, **values: Any):
+    """An effect of a label, or of a diagnosis with deviations and a probability."""
+    units = {"torque": "N m", "mass": "kg", "com": "m", "radius": ""}
+    parameters = {key: {"unit": units[key], "value": values[key]} for key in values}
+    for key, std in dict(stds).items():
+        parameters[key]["std"] = std
+    return {
+        "effect": name,
+        "joints": joints,
+        "probability": p,
+        "parameters": parameters,
+    }
+
+
 TRUTH = {
     "effects": [
-        {
-            "effect": "coulomb_friction",
-            "joints": [2, 5],
-            "parameters": {"torque": {"unit": "N m", "value": [1.0, 2.0]}},
-        },
-        {
-            "effect": "payload",
-            "joints": [],
-            "parameters": {
-                "mass": {"unit": "kg", "value": 1.5},
-                "com": {"unit": "m", "value": [0.0, 0.1, 0.2]},
-                "radius": {"unit": "", "value": 0.03},
-            },
-        },
+        entry("coulomb_friction", [2, 5], torque=[1.0, 2.0]),
+        entry("payload", [], mass=1.5, com=[0.0, 0.1, 0.2], radius=0.03),
     ],
     "gap": [0.0] * 6,
 }
+STDS = {"mass": 0.01, "com": [0.1] * 3}
 FOUND = {
     "effects": [
-        {
-            "effect": "coulomb_friction",
-            "joints": [5, 6],
-            "probability": 0.9,
-            "parameters": {
-                "torque": {"unit": "N m", "value": [2.1, 0.3], "std": [0.1, 0.1]}
-            },
-        },
-        {
-            "effect": "payload",
-            "joints": [],
-            "probability": 0.6,
-            "parameters": {
-                "mass": {"unit": "kg", "value": 1.4, "std": 0.01},
-                "com": {"unit": "m", "value": [0.0, 0.1, 0.3], "std": [0.1] * 3},
-            },
-        },
+        entry("coulomb_friction", [5, 6], {"torque": [0.1] * 2}, 0.9, torque=[2.1, 0.3]),
+        entry("payload", [], STDS, 0.6, mass=1.4, com=[0.0, 0.1, 0.3]),
     ],
-    "possible": [
-        {"effect": "armature", "joints": [1], "probability": 0.2, "parameters": {}}
-    ],
-}
+    "possible": [entry("armature", [1], p=0.2)],
+}  # fmt: skip
 
 
 def test_values_are_those_of_joints_that_have_the_effect() -> None:

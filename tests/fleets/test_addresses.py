@@ -68,11 +68,8 @@ def test_folders_patterns_archives_and_lists(tmp_path: Path, memory: Any) -> Non
     table = tmp_path / "cases.csv"
     table.write_text("case,unit,date\nb,arm7,2026-02-03\ns3://x/y,,\n")
     first, second = all_cases((str(table),))
-    assert (first.address, first.unit, first.date) == (
-        f"{tmp_path}/b",
-        "arm7",
-        "2026-02-03",
-    )
+    assert first.address == f"{tmp_path}/b"
+    assert (first.unit, first.date) == ("arm7", "2026-02-03")
     assert second.address == "s3://x/y" and not second.unit
     lines = tmp_path / "cases.txt"
     lines.write_text("# two\n\nb\n/abs/c/case.yaml\n")
@@ -119,24 +116,18 @@ def test_names_that_leave_the_folder(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("field", "name"),
+    ("field", "case"),
     [
-        ("robot", "../robot.urdf"),
-        ("recordings", "/etc/passwd"),
-        ("judge", "${GAPSCOPE_DATA}/x.csv"),
-        ("import.calibration", "../c.json"),
+        ("robot", CASE.replace("robot.urdf", "../robot.urdf")),
+        ("recordings", CASE.replace("a.csv", "/etc/passwd")),
+        ("judge", CASE + "judge: ['${GAPSCOPE_DATA}/x.csv']\n"),
+        ("import.calibration", CASE + "import: {calibration: ../c.json}\n"),
     ],
 )
 def test_a_case_that_reads_other_files_is_refused(
-    tmp_path: Path, field: str, name: str
+    tmp_path: Path, field: str, case: str
 ) -> None:
-    changes = {
-        "robot": CASE.replace("robot.urdf", name),
-        "recordings": CASE.replace("a.csv", name),
-        "judge": f"{CASE}judge: ['{name}']\n",
-        "import.calibration": f"{CASE}import: {{calibration: {name}}}\n",
-    }
-    put(tmp_path / "x", changes[field])
+    put(tmp_path / "x", case)
     with pytest.raises(InputError, match=f"field {field}: names .* outside"):
         got(str(tmp_path / "x"), tmp_path / "to")
 

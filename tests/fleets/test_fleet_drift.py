@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from gapscope.many import compare
 from gapscope.many.compare import fleet_document
@@ -19,17 +20,15 @@ DAYS = 12
 
 
 def fill(
-    folder: Path, values: dict[str, list[float | None]], **case: Any
+    folder: Path, values: dict[str, ArrayLike], first: int = 0, **case: Any
 ) -> FleetStore:
-    """A store with a value of Coulomb friction for each unit and day, ``None`` if it is not named."""
-    store = FleetStore(folder)
-    cases, effects = [], []
+    """A store with a value of Coulomb friction for each unit and day, not finite if it is not named."""
+    store, cases, effects = FleetStore(folder), [], []
     for unit, of_unit in values.items():
-        for day, value in enumerate(of_unit):
-            row = row_of(unit, day) | case
-            cases.append(row)
-            if value is not None:
-                effects.append(effect_of(row, value))
+        for day, value in enumerate(np.array(of_unit, dtype=float), first):
+            cases.append(row_of(unit, day) | case)
+            if np.isfinite(value):
+                effects.append(effect_of(cases[-1], value))
     store.append(cases, effects)
     return store
 
@@ -76,35 +75,30 @@ def effect_of(row: dict[str, Any], value: float) -> dict[str, Any]:
     }
 
 
-def quiet(rng: np.random.Generator, units: int, std: float) -> dict[str, list[Any]]:
+def quiet(seed: int, units: int, std: float) -> dict[str, np.ndarray]:
     """Units whose friction of 2 N m does not change."""
-    return {
-        f"arm{k:02d}": list(2.0 + std * rng.standard_normal(DAYS)) for k in range(units)
-    }
+    values = 2.0 + std * np.random.default_rng(seed).standard_normal((units, DAYS))
+    return {f"arm{k:02d}": of_unit for k, of_unit in enumerate(values)}
 
 
 def test_a_step_is_found_and_nothing_else(tmp_path: Path) -> None:
-    values = quiet(np.random.default_rng(1), 20, 0.06)
-    values["arm07"][5:] = [value + 0.6 for value in values["arm07"][5:]]
-    values["arm09"][:8] = [None] * 8
+    values = quiet(1, 20, 0.06)
+    values["arm07"][5:] += 0.6
+    values["arm09"][:8] = np.nan
     content = fleet_document(fill(tmp_path, values))
     step, appeared = content["changes"]
     assert (step["unit"], step["kind"], step["joint"]) == ("arm07", "value", 2)
     assert (step["last_before"], step["first_after"]) == ("2026-01-05", "2026-01-06")
     assert step["kept"] == "diagnoses/arm07/5"
-    assert step["after"]["value"] - step["before"]["value"] == pytest.approx(
-        0.6, abs=0.1
-    )
+    rise = step["after"]["value"] - step["before"]["value"]
+    assert rise == pytest.approx(0.6, abs=0.1)
     assert (appeared["unit"], appeared["kind"]) == ("arm09", "appeared")
     assert appeared["first_after"] == "2026-01-09"
     assert "torque from 2.0" in change_line(step)
     (robot,) = content["robots"]
     (effect,) = robot["effects"]
-    assert (robot["units"], effect["units"], effect["kind"]) == (
-        20,
-        20,
-        "shared_differing_size",
-    )
+    assert (robot["units"], effect["units"]) == (20, 20)
+    assert effect["kind"] == "shared_differing_size"
     assert effect["parameters"][0]["extremes"][0]["unit"] == "arm07"
     kept = tmp_path / "diagnoses/arm07/5"
     kept.mkdir(parents=True)
@@ -119,9 +113,9 @@ def test_a_step_is_found_and_nothing_else(tmp_path: Path) -> None:
 def test_units_that_changed_are_counted_beyond_the_list(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    values = quiet(np.random.default_rng(4), 20, 0.06)
-    for unit in list(values)[:5]:
-        values[unit][5:] = [value + 1.0 for value in values[unit][5:]]
+    values = quiet(4, 20, 0.06)
+    for of_unit in list(values.values())[:5]:
+        of_unit[5:] += 1.0
     monkeypatch.setattr(compare, "MOST", 2)
     content = fleet_document(fill(tmp_path, values))
     assert len(content["changes"]) == 2 < content["changes_in_all"]
@@ -130,7 +124,7 @@ def test_units_that_changed_are_counted_beyond_the_list(
 
 def test_scatter_of_the_whole_fleet_is_no_change(tmp_path: Path) -> None:
     """Estimates that scatter five times as much as they say, as from day to day."""
-    values = quiet(np.random.default_rng(2), 20, 5 * 0.063)
+    values = quiet(2, 20, 5 * 0.063)
     content = fleet_document(fill(tmp_path, values))
     assert content["changes"] == []
     (scatter,) = content["scatter"]
@@ -138,22 +132,10 @@ def test_scatter_of_the_whole_fleet_is_no_change(tmp_path: Path) -> None:
 
 
 def test_a_new_nominal_arm_is_no_change(tmp_path: Path) -> None:
-    values = quiet(np.random.default_rng(3), 4, 0.06)
+    values = quiet(3, 4, 0.06)
     fill(tmp_path, values)
-    later = {
-        unit: [None] * DAYS + [v + 1.0 for v in old] for unit, old in values.items()
-    }
-    store = FleetStore(tmp_path)
-    cases = [
-        row_of(unit, day) | {"nominal_sha256": "m"}
-        for unit in later
-        for day in range(DAYS, 2 * DAYS)
-    ]
-    effects = [
-        effect_of(row, later[row["unit"]][int(row["result"].split("-")[1])])
-        for row in cases
-    ]
-    store.append(cases, effects)
+    later = {unit: old + 1.0 for unit, old in values.items()}
+    store = fill(tmp_path, later, first=DAYS, nominal_sha256="m")
     content = fleet_document(store)
     assert content["cases"] == 8 * DAYS and content["changes"] == []
 
@@ -172,9 +154,8 @@ def test_the_last_row_of_a_case_and_date_counts(tmp_path: Path) -> None:
 
 
 def test_a_failure_counts_until_the_case_is_diagnosed(tmp_path: Path) -> None:
-    store = fill(
-        tmp_path, {"arm": [None]}, robot="unknown", error="lost", date="2025-12-31"
-    )
+    failed = {"robot": "unknown", "error": "lost", "date": "2025-12-31"}
+    store = fill(tmp_path, {"arm": [np.nan]}, **failed)
     assert fleet_document(store)["failed"] == 1
     fill(tmp_path, {"arm": [1.0]})
     content = fleet_document(store)

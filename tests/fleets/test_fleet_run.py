@@ -108,32 +108,22 @@ def test_one_run_at_a_time(fleet_folder: Path, tmp_path: Path) -> None:
         run_fleet(FleetPlan((str(fleet_folder),), tmp_path), print)
 
 
-def test_what_was_done_before_an_interruption_is_kept(
-    fleet_folder: Path, tmp_path: Path
-) -> None:
-    broken = fleet_folder / "arm_C_2026-03-14"
-
-    def interrupt(message: str) -> None:
-        if message.startswith("0 diagnosed, 1 failed"):
-            raise KeyboardInterrupt
-
-    with pytest.raises(InterruptedRunError, match="1 failed"):
-        run_fleet(FleetPlan((str(broken), str(fleet_folder)), tmp_path), interrupt)
-    assert list(FleetStore(tmp_path).cases()["case"]) == [str(broken)]
-
-
-def test_what_was_reported_is_kept_by_a_run_that_is_killed(
+def test_what_was_reported_is_kept_by_a_run_that_is_interrupted_or_killed(
     fleet_folder: Path, tmp_path: Path
 ) -> None:
     broken, out = fleet_folder / "arm_C_2026-03-14", tmp_path / "out"
+    killed = tmp_path / "killed"
 
-    def see(message: str) -> None:
+    def interrupt(message: str) -> None:
         if message.startswith("0 diagnosed, 1 failed"):
-            # what a run that ends here leaves behind
-            shutil.copytree(out, tmp_path / "killed")
+            # what a run that is killed here leaves behind
+            shutil.copytree(out, killed)
+            raise KeyboardInterrupt
 
-    run_fleet(FleetPlan((str(broken),), out), see)
-    assert list(FleetStore(tmp_path / "killed").cases()["case"]) == [str(broken)]
+    with pytest.raises(InterruptedRunError, match="1 failed"):
+        run_fleet(FleetPlan((str(broken), str(fleet_folder)), out), interrupt)
+    for folder in (out, killed):
+        assert list(FleetStore(folder).cases()["case"]) == [str(broken)]
 
 
 def test_nothing_is_left_in_scratch(
