@@ -29,13 +29,6 @@ def friction(joints: tuple[int, ...], low: list, high: list) -> EffectRange:
     return EffectRange(*ends)
 
 
-def test_an_interval_is_1_96_deviations_wide_on_each_side() -> None:
-    applied = AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]})
-    found = effect_range(applied, {"torque": np.array([0.5])})
-    assert found.low.parameters["torque"] == pytest.approx(4.0 - 0.98)
-    assert found.high.parameters["torque"] == pytest.approx(4.0 + 0.98)
-
-
 def test_friction_of_the_data_sheet_is_not_undone_below_zero() -> None:
     arm = replace(load_nominal_arm("kuka_iiwa"), coulomb=np.array([1.0] + [0.0] * 6))
     ranges = within_nominal([friction((1, 2), [-3.0, -3.0], [2.0, 2.0])], arm)

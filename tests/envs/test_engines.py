@@ -12,16 +12,15 @@ from cases import swinging
 from guard import HANG
 from sweeps import daily
 
-from gapscope.arm.control import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.motions.trajectory import motion_of
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import ENGINES, check_engine
 from gapscope.envs.mystery_arm import POSTURE
 from gapscope.envs.position_controller import position_controller
+from gapscope.envs.recorder import record
 from gapscope.envs.simulated_arm import SimulatedArm
 
 ROBOTS = ("kuka_iiwa", "franka_panda", "xarm6")
@@ -60,28 +59,19 @@ def test_without_effects_it_is_pinocchios_inverse_dynamics(
             assert np.abs(needed - torque).max() < 1e-8 * np.abs(torque).max()
 
 
-def _follow(arm: NominalArm, effects: tuple, engine: str) -> np.ndarray:
-    """Positions over three seconds under a controller."""
-    rng, t = np.random.default_rng(1), np.arange(0.0, 3.0, 1e-3)
-    motion = motion_of(swinging(arm, rng, POSTURE, duration=3.0, frequency=0.3), t)
-    q, dq, ddq = motion.q, motion.dq, motion.ddq
-    torque = feedforward(arm, RigidBody(arm), "nominal", q, dq, ddq)
-    law, out = position_controller(arm, POSTURE), np.empty_like(q)
-    with SimulatedArm(arm, effects, 1e-3, engine=engine) as simulated:
-        simulated.start(q[0], dq[0])
-        for i in range(len(t)):
-            out[i] = simulated.encoders()
-            late = law.kd * (dq[i] - simulated.dq)
-            simulated.step(torque[i] + law.kp * (q[i] - out[i]) + late)
-    return out
-
-
 @pytest.mark.parametrize("effects", [(), EFFECTS], ids=["off", "on"])
 def test_same_case_gives_the_same_motion(
     engines, data_sheet_arm: NominalArm, effects: tuple
 ) -> None:
     """Joint RMSE against PyBullet far below the 1e-3 rad that a step of 1 ms might excuse."""
-    first, second = (_follow(data_sheet_arm, effects, engines(x)) for x in ENGINES)
+    arm, law = data_sheet_arm, position_controller(data_sheet_arm, POSTURE)
+    start = np.random.default_rng(1)
+    motion = swinging(arm, start, POSTURE, duration=3.0, frequency=0.3)
+    how = {"duration": 3.0, "encoder_step": 0.0}
+    first, second = (
+        record(arm, effects, motion, law, rng=start, engine=engines(name), **how).q
+        for name in ENGINES
+    )
     assert np.sqrt(np.mean((first - second) ** 2, axis=0)).max() < 1e-6
 
 

@@ -19,7 +19,6 @@ from gapscope.arm.motions.named_motions import MOTIONS
 from gapscope.arm.motions.trajectory import point_to_point
 from gapscope.arm.robots import KNOWN_ROBOTS
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected_file import write_corrected
 from gapscope.envs.actions import ACTION_KINDS
 from gapscope.envs.environment import ArmTracking
 from gapscope.envs.reward import Reward
@@ -92,31 +91,10 @@ MJCF = """<mujoco model="two_rods"><compiler angle="radian"/>
 
 
 def test_an_arm_from_an_mjcf_file(tmp_path: Path) -> None:
-    """Friction and rotors come with it, and it tracks as an arm from a URDF does."""
+    """It tracks as an arm from a URDF does."""
     (tmp_path / "arm.xml").write_text(MJCF)
-    env = ArmTracking(tmp_path / "arm.xml")
-    assert env.arm.joints == ("shoulder", "elbow") and env.arm.name == "two_rods"
-    sheet = [env.arm.armature, env.arm.coulomb, env.arm.viscous]
-    np.testing.assert_allclose(np.transpose(sheet), [[0.1, 0.2, 0.3]] * 2)
-    env.close()
     observations, _, info = rollout(robot=tmp_path / "arm.xml", episode_length=2.0)
     assert np.abs(errors(observations, 2)).max() < 3e-3 and not info["terminated"]
-
-
-LATE = AppliedEffect("actuator_delay", (1, 4), {"delay": 0.02})
-
-
-@pytest.mark.parametrize("effect", [COULOMB, LATE], ids=lambda effect: effect.name)
-def test_effects_change_the_outcome(effect: AppliedEffect, tmp_path: Path) -> None:
-    """An effect makes tracking worse, and is the same from records as from a corrected.yaml."""
-    write_corrected("test", (effect,), tmp_path / "corrected.yaml")
-    options = {"motion": "fourier", "episode_length": 2.0}
-    clean, given, read = (
-        rollout(effects=effects, **options)
-        for effects in (None, (effect,), tmp_path / "corrected.yaml")
-    )
-    assert np.abs(errors(given[0])).max() > 1.5 * np.abs(errors(clean[0])).max()
-    np.testing.assert_array_equal(given[0], read[0])
 
 
 def test_reward_by_hand() -> None:

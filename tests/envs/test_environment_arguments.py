@@ -9,6 +9,7 @@ import gapscope  # noqa: F401 (registers the environment)
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.trajectory import Limits, point_to_point
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected_file import write_corrected
 from gapscope.envs.environment import ArmTracking
 
 COULOMB = AppliedEffect("coulomb_friction", (1, 4), {"torque": [3.0, 2.0]})
@@ -86,12 +87,14 @@ def test_bad_arguments_are_refused_with_what_to_do(options: dict, message: str) 
         ArmTracking(**options)
 
 
-def test_effects_as_records_and_as_entries() -> None:
-    """One or several, as records, as entries of a corrected.yaml, or as its whole content."""
+def test_effects_as_records_entries_and_file(tmp_path: Path) -> None:
+    """One or several, as records, as entries of a corrected.yaml, as its whole content, or as the file."""
     entry = {"effect": "coulomb_friction", "joints": [1, 4]}
     entry["parameters"] = {"torque": [3.0, 2.0]}
     whole = {"schema": 1, "effects": [entry]}
-    for effects in (COULOMB, [COULOMB], entry, [entry], whole):
+    file = tmp_path / "corrected.yaml"
+    write_corrected("test", (COULOMB,), file)
+    for effects in (COULOMB, [COULOMB], entry, [entry], whole, file):
         env = ArmTracking(effects=effects)
         (found,) = env.effects
         assert (found.name, found.joints) == ("coulomb_friction", (1, 4))

@@ -58,39 +58,24 @@ def test_corrected_arm_follows_an_elastic_joint(
     assert left < 0.3 * gap, (gap, left)
 
 
-def test_columns(data_sheet_arm: NominalArm) -> None:
-    recording, reference = _record(data_sheet_arm), _reference(data_sheet_arm)
-    t = recording.t
-    assert (t[0], len(t)) == (0.0, 1251) and recording.rate == pytest.approx(RATE)
-    steps = recording.q / data_sheet_arm.encoder_step
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
-    np.testing.assert_allclose(recording.q_ref, reference.position(t))
-    np.testing.assert_allclose(recording.dq_ref, reference.velocity(t))
-    assert np.abs(recording.q - recording.q_ref).max() < 0.02
-    assert np.abs(recording.dq - recording.dq_ref).max() < 0.2
-
-
-def test_torque_is_the_documented_law_of_the_recorded_columns(
-    data_sheet_arm: NominalArm,
-) -> None:
+def test_columns_and_torque_by_the_documented_law(data_sheet_arm: NominalArm) -> None:
     """tau = g(q_ref) + kp (q_ref - q) + kd (dq_ref - dq), clipped, row by row."""
     arm = replace(data_sheet_arm, torque_limit=np.full(7, 35.0))
-    law = replace(position_controller(arm, POSTURE), feedforward="gravity")
-    rng = np.random.default_rng(0)
-    made = record(arm, (), _reference(arm), law, duration=2.0, rng=rng)
+    law, reference = position_controller(arm, POSTURE), _reference(arm)
+    law, rng = replace(law, feedforward="gravity"), np.random.default_rng(0)
+    made = record(arm, (), reference, law, duration=2.0, rng=rng)
+    assert (made.t[0], len(made.t)) == (0.0, 501)
+    assert made.rate == pytest.approx(RATE)
+    steps = made.q / arm.encoder_step
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+    np.testing.assert_allclose(made.q_ref, reference.position(made.t))
+    np.testing.assert_allclose(made.dq_ref, reference.velocity(made.t))
+
     zero = np.zeros_like(made.q)
     torque = RigidBody(arm).inverse_dynamics(made.q_ref, zero, zero)
     torque += law.kp * (made.q_ref - made.q) + law.kd * (made.dq_ref - made.dq)
     np.testing.assert_allclose(made.tau, np.clip(torque, -35.0, 35.0), atol=1e-9)
     assert np.abs(made.tau).max() == 35.0
-
-
-def test_same_seed_same_recording_bit_by_bit(data_sheet_arm: NominalArm) -> None:
-    effect = AppliedEffect("load_friction", (2, 4), {"coefficient": [0.15, 0.1]})
-    how = {"torque_noise": 0.1, "duration": 1.0}
-    first, second = (_record(data_sheet_arm, effect, **how) for _ in "ab")
-    for channel in ("q", "dq", "tau"):
-        np.testing.assert_array_equal(getattr(first, channel), getattr(second, channel))
 
 
 def test_rate_must_divide_the_controllers(data_sheet_arm: NominalArm) -> None:

@@ -164,15 +164,9 @@ def at(read: Callable[[Path], object], name: str) -> Callable[[Path], object]:
 
 
 BYTES = mutations.of_bytes
-CSV, NPZ, JSON, YAML, XML = map(
-    mutations.either,
-    (
-        mutations.of_csv,
-        mutations.of_npz,
-        mutations.of_json,
-        mutations.of_yaml,
-        mutations.of_xml,
-    ),
+CSV, NPZ, JSON, YAML, XML = (
+    mutations.either(getattr(mutations, f"of_{form}"))
+    for form in ("csv", "npz", "json", "yaml", "xml")
 )
 FRAMES = "data/chunk-000/file-000.parquet"
 REFERENCE = ("reference.json", "reference.npz", "identified.urdf")
@@ -180,50 +174,40 @@ REFERENCE = ("reference.json", "reference.npz", "identified.urdf")
 
 def targets() -> dict[str, Target]:
     """All readers by name."""
-    logs = {
-        "csv": ("motion.csv", CSV),
-        "parquet": ("motion.parquet", BYTES),
-        "npz": ("motion.npz", NPZ),
-        "db3": ("motion.db3", BYTES),
-        "mcap": ("motion.mcap", BYTES),
-        "hdf5": ("motion.h5", BYTES),
-        "mat": ("motion.mat", BYTES),
-    }
+    logs = [("csv", CSV), ("parquet", BYTES), ("npz", NPZ), ("db3", BYTES)]
+    logs += [("mcap", BYTES), ("h5", BYTES), ("mat", BYTES)]
     identified = lambda path: read_arm(str(path), arm())  # noqa: E731
-    case = {"beside": ("robot.urdf", "motion.csv"), "may_name_files": True}
+    controller = lambda path: read_controller(path, 2)  # noqa: E731
     beside_identified = ("corrected.yaml", "case.yaml", "robot.urdf")
-    found = [
-        *(Target(k, file, at(read_log, file), m) for k, (file, m) in logs.items()),
-        Target("inspect_csv", "motion.csv", at(inspected, "motion.csv"), CSV),
-        Target("rosbag2_metadata", "metadata.yaml", read_log, YAML, ("motion.mcap",)),
-        Target("lerobot_info", "meta/info.json", read_dataset, JSON, (FRAMES,)),
-        Target("lerobot_data", FRAMES, read_dataset, BYTES, ("meta/info.json",)),
-        Target("case_yaml", "case.yaml", lambda x: load_case(x, any_unit=True), YAML, **case),
-        Target("diagnosis_json", "diagnosis.json", read_diagnosis, JSON),
-        Target("serve_address", "address.txt", answered, BYTES, ("diagnosis.json",)),
-        Target("residual_npz", "residual.npz", at(read_residual, "residual.npz"), NPZ),
-    ]  # fmt: skip
-    for name, file, read, mutate, *beside in (
+    of_files = [
+        *(("hdf5" if x == "h5" else x, f"motion.{x}", read_log, m) for x, m in logs),
+        ("inspect_csv", "motion.csv", inspected, CSV),
+        ("residual_npz", "residual.npz", read_residual, NPZ),
         ("urdf", "robot.urdf", read_robot, XML),
         ("mjcf", "robot.xml", read_robot, XML),
         ("audit_urdf", "robot.urdf", audit_model, XML),
         ("audit_mjcf", "robot.xml", audit_model, XML),
-        ("controller_yaml", "controller.yaml", lambda x: read_controller(x, 2), YAML),
+        ("controller_yaml", "controller.yaml", controller, YAML),
         ("corrected_yaml", "corrected.yaml", read_corrected, YAML),
         ("identification_json", "identification.json", identified, JSON, *beside_identified),
-    ):  # fmt: skip
-        found.append(Target(name, file, at(read, file), mutate, tuple(beside)))
+    ]  # fmt: skip
+    found = [
+        *(Target(x, file, at(read, file), m, tuple(y)) for x, file, read, m, *y in of_files),
+        Target("rosbag2_metadata", "metadata.yaml", read_log, YAML, ("motion.mcap",)),
+        Target("lerobot_info", "meta/info.json", read_dataset, JSON, (FRAMES,)),
+        Target("lerobot_data", FRAMES, read_dataset, BYTES, ("meta/info.json",)),
+        Target("case_yaml", "case.yaml", lambda x: load_case(x, any_unit=True), YAML,
+               ("robot.urdf", "motion.csv"), may_name_files=True),
+        Target("diagnosis_json", "diagnosis.json", read_diagnosis, JSON),
+        Target("serve_address", "address.txt", answered, BYTES, ("diagnosis.json",)),
+    ]  # fmt: skip
     for file, mutate in zip(REFERENCE, (JSON, NPZ, XML), strict=True):
-        name, others = file.split(".")[-1], tuple(x for x in REFERENCE if x != file)
-        hashes = (REFERENCE[0], REFERENCE[1:])
-        found.append(
-            Target(
-                f"reference_{name}", file, read_reference, mutate, others, None, hashes
-            )
-        )
+        others = tuple(x for x in REFERENCE if x != file)
+        hashes = {"rehashed": (REFERENCE[0], REFERENCE[1:])}
+        name = f"reference_{file.split('.')[-1]}"
+        found.append(Target(name, file, read_reference, mutate, others, **hashes))
     for file, mutate in (("agent.json", JSON), (WEIGHTS[1], NPZ), (WEIGHTS[0], BYTES)):
-        name, hashes = file.split(".")[-1], ("agent.json", WEIGHTS)
-        found.append(
-            Target(f"agent_{name}", file, read_agent, mutate, (), make_agent, hashes)
-        )
+        made = {"make": make_agent, "rehashed": ("agent.json", WEIGHTS)}
+        name = f"agent_{file.split('.')[-1]}"
+        found.append(Target(name, file, read_agent, mutate, **made))
     return {target.name: target for target in found}
