@@ -180,9 +180,8 @@ def panda_recording(
     seen = Motion(t, q, reference.velocity(t), reference.acceleration(t))
     tau = corrected.predict(panda_body(), seen)
     rng = np.random.default_rng(1000 + seed)
-    return Recording(
-        name, t, q, tau + noise * tau.std(axis=0) * rng.standard_normal(tau.shape)
-    )
+    tau = tau + noise * tau.std(axis=0) * rng.standard_normal(tau.shape)
+    return Recording(name, t, q, tau)
 
 
 def panda_case(

@@ -18,6 +18,7 @@ from own_effect_page import blocks, write_example
 pytestmark = pytest.mark.nightly
 
 ROOT = Path(__file__).parents[1]
+AGAIN = "gapscope predict arm --recording arm/recording_1.csv --out again.csv --model found/corrected.yaml"
 
 
 def gapscope(
@@ -82,15 +83,14 @@ def test_a_command_without_the_file_says_what_is_missing(folder: Path) -> None:
 def test_several_files_are_given_one_after_the_other(folder: Path) -> None:
     other = blocks("python")[0].replace('"cable_drag"', '"hose_drag"')
     (folder / "hose_drag.py").write_text(other)
-    command = (
-        "gapscope predict arm --recording arm/recording_1.csv --out two.csv "
-        "--model two.yaml --effects-from cable_drag.py --effects-from hose_drag.py"
+    command = AGAIN.replace(
+        "again.csv --model found/corrected.yaml", "two.csv --model two.yaml"
     )
+    command += " --effects-from cable_drag.py --effects-from hose_drag.py"
     model = (folder / "found/corrected.yaml").read_text()
     entry = model[model.index("- effect") :]
-    (folder / "two.yaml").write_text(
-        model + "\n" + entry.replace("cable_drag", "hose_drag")
-    )
+    other = entry.replace("cable_drag", "hose_drag")
+    (folder / "two.yaml").write_text(f"{model}\n{other}")
     done = gapscope(folder, command)
     assert done.returncode == 0, done.stderr
     assert (folder / "two.csv").read_text() != (folder / "predicted.csv").read_text()
@@ -107,9 +107,6 @@ def test_several_cases_are_diagnosed_with_it_in_processes_of_their_own(
     for name in ("arm", "arm-2"):
         document = json.loads((folder / "both" / name / "diagnosis.json").read_text())
         assert [found["effect"] for found in document["effects"]] == ["cable_drag"]
-
-
-AGAIN = "gapscope predict arm --recording arm/recording_1.csv --out again.csv --model found/corrected.yaml"
 
 
 def package(site: Path, place: str) -> str:

@@ -183,16 +183,12 @@ def test_noise_of_the_encoders_has_its_size_and_comes_from_the_seed(
 def test_a_joint_at_its_stop_ends_the_episode() -> None:
     """What is told is the encoder's reading, which is off by 0.3 rad, and not the truth."""
     off = AppliedEffect("encoder_offset", tuple(range(1, 8)), {"offset": 0.3})
-    env = ArmTracking(action="torque", motion="fourier", effects=(off,), debug=True)
-    env.reset(seed=0)
-    over = False
-    while not over:
-        observation, _, over, _, info = env.step(np.zeros(7))
-    env.close()
+    options = {"action": "torque", "motion": "fourier", "debug": True}
+    observations, _, info = rollout(effects=(off,), **options)
     said = r"joint (\d).*came to its stop.*its encoder reads (\S+) rad"
     number, read = re.search(said, info["limit"]).groups()
     joint, read = int(number) - 1, float(read)
-    assert read == pytest.approx(observation[joint], abs=1e-3)
+    assert read == pytest.approx(observations[-1, joint], abs=1e-3)
     assert read == pytest.approx(info["q_true"][joint] + 0.3, abs=1e-3)
 
 
@@ -208,12 +204,7 @@ def test_early_ends_of_a_joint_that_slides_are_told_in_metres(
 ) -> None:
     rail = Link("rail", "cart", kind="prismatic", limit=limit)
     robot = written(tmp_path / "robot.urdf", "r", rail)
-    env = ArmTracking(robot, action="torque")
-    env.reset(seed=0)
-    over, info = False, {}
-    while not over:
-        *_, over, _, info = env.step(np.ones(1))
-    env.close()
+    _, _, info = rollout(np.ones(1, np.float32), robot=robot, action="torque")
     told = info.get("limit") or info["divergence"]["message"]
     assert re.search(said, told) and "rad" not in told
 

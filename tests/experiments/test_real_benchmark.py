@@ -15,11 +15,10 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "experiments"))
-plan, carriers, scoring = (
-    importlib.import_module(name)
-    for name in ("real_cases", "real_carriers", "26_real_benchmark")
+plan, carriers, scoring, runner = map(
+    importlib.import_module,
+    ("real_cases", "real_carriers", "26_real_benchmark", "common"),
 )
-runner = importlib.import_module("common")
 SIZES = [2.5, 4.0, 8.0]
 
 
@@ -89,8 +88,17 @@ def test_task_beyond_its_time_is_ended_and_one_that_fails_is_told(tmp_path):
     assert (tmp_path / "good").exists()
 
 
-def truth(kind, *effects):
-    return {
+def entry(name, joints, value, **more):
+    parameter = "torque" if "torque" in name or "coulomb" in name else "mass"
+    parameters = {parameter: {"unit": "N m", "value": value, "std": value}}
+    return {"effect": name, "joints": joints, "parameters": parameters, **more}
+
+
+def scored(kind, effects, number=0, **result):
+    """The row of a case by its hidden effects and what came of it."""
+    size = 4.0 if effects else 0.0
+    case = plan.Planned("ur10", "plain", kind, number, size)
+    truth = {
         "kind": kind,
         "effects": list(effects),
         "gap": [0.0] * 6,
@@ -99,27 +107,15 @@ def truth(kind, *effects):
         "measure": "torque",
         "conditions": {"robot": "ur10"},
     }
+    return scoring.scored(case, truth, {"cpu_seconds": 10.0, **result})
 
 
-def entry(name, joints, value, **more):
-    parameter = "torque" if "torque" in name or "coulomb" in name else "mass"
-    parameters = {parameter: {"unit": "N m", "value": value, "std": value}}
-    return {"effect": name, "joints": joints, "parameters": parameters, **more}
-
-
-def found(name, joints, value, probability=0.9):
-    return entry(name, joints, value, probability=probability, alternatives=[])
-
-
-def one(kind, effects, reported, number=0, possible=()):
-    case = plan.Planned("ur10", "plain", kind, number, 4.0 if effects else 0.0)
-    document = {
-        "verdict": "effects_found" if reported else "no_gap",
-        "effects": reported,
-        "possible": list(possible),
-    }
-    result = {"status": "done", "document": document, "cpu_seconds": 10.0}
-    return scoring.scored(case, truth(kind, *effects), result)
+def one(kind, effects, *found, number=0):
+    """A case that was diagnosed, with what was found: name, joints and value."""
+    reported = [entry(*x, probability=0.9, alternatives=[]) for x in found]
+    verdict = "effects_found" if reported else "no_gap"
+    document = {"verdict": verdict, "effects": reported, "possible": []}
+    return scored(kind, effects, number, status="done", document=document)
 
 
 def table(rows, title):
@@ -130,10 +126,10 @@ def table(rows, title):
 def test_scores_of_right_wrong_and_healthy_cases():
     offset = entry("torque_offset", [2], [2.0])
     rows = [
-        one("single", [offset], [found("torque_offset", [2], [2.2])]),
-        one("single", [offset], [found("coulomb_friction", [2], [2.0])], 1),
-        one("healthy", [], []),
-        one("healthy", [], [found("torque_offset", [1], [1.0])], 1),
+        one("single", [offset], ("torque_offset", [2], [2.2])),
+        one("single", [offset], ("coulomb_friction", [2], [2.0]), number=1),
+        one("healthy", []),
+        one("healthy", [], ("torque_offset", [1], [1.0]), number=1),
     ]
     (row,) = table(rows, "Total").rows
     assert row[:7] == ("all", "4", *["1/2 (50 %)"] * 3, "1/1 (100 %)", "10 %")
@@ -144,10 +140,8 @@ def test_scores_of_right_wrong_and_healthy_cases():
 
 
 def test_failed_case_counts_as_wrong_and_failed():
-    case = plan.Planned("ur10", "plain", "single", 0, 4.0)
-    result = {"status": "failed", "error": "LinAlgError", "cpu_seconds": 3.0}
-    label = truth("single", entry("torque_offset", [2], [2.0]))
-    row = scoring.scored(case, label, result)
+    offset = entry("torque_offset", [2], [2.0])
+    row = scored("single", [offset], status="failed", error="LinAlgError")
     total = table([row], "Total").rows[0]
     assert total[3] == "0/1 (0 %)"
     assert total[-1] == "1"

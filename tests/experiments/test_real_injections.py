@@ -13,26 +13,20 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "experiments"))
-laws, injections = (
-    importlib.import_module(name) for name in ("real_laws", "real_cases")
-)
+laws, injections = map(importlib.import_module, ("real_laws", "real_cases"))
 ONE = np.array([0])
 
 
 @pytest.fixture
 def arm(tmp_path) -> NominalArm:
     """2 kg at 0.5 m: 10 N m where it is level under 10 m/s^2."""
-    bob = ROD._replace(
-        axis="0 0 1",
-        inertia="0.01 0.01 0.01",
-        limit="-3 3 9 3",
-        kind="revolute",
-    )
+    bob = ROD._replace(axis="0 0 1", inertia="0.01 0.01 0.01", limit="-3 3 9 3")
+    bob = bob._replace(kind="revolute")
     return chain(tmp_path, "pendulum", bob, gravity=[0.0, -10.0, 0.0])
 
 
-def scene_of(arm, q, tau, rate=100.0):
-    t = np.arange(len(q)) / rate
+def scene_of(arm, q, tau):
+    t = np.arange(len(q)) / 100
     recording = Recording("r", t, np.reshape(q, (-1, 1)), np.reshape(tau, (-1, 1)))
     return laws.Scene(recording, arm, arm, np.ones(1))
 

@@ -17,16 +17,10 @@ def _case(folder: Path, viscous: float, seed: int) -> None:
     link = HEAVY[1]._replace(origin="0 0 0")
     arm = chain(folder.parent, "one", link, armature=[0.2])
     friction = AppliedEffect("viscous_friction", (1,), {"coefficient": [viscous]})
+    how = {"frequencies": (0.2, 0.35), "duration": 5.0, "rate": 100.0, "noise": 0.02}
+    where, name = folder.parent, folder.name
     case = simulated_case(
-        folder.parent,
-        folder.name,
-        arm,
-        (friction,) if viscous else (),
-        seed=seed,
-        frequencies=(0.2, 0.35),
-        duration=5.0,
-        rate=100.0,
-        noise=0.02,
+        where, name, arm, (friction,) if viscous else (), seed=seed, **how
     )
     write_case(case, folder)
 
