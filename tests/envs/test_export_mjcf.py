@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arms import Link, written
+from arms import Link, chain, changed
 
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
@@ -24,11 +23,8 @@ from gapscope.envs.simulated_arm import SimulatedArm
 
 mujoco = pytest.importorskip("mujoco")
 
-SHEET = {
-    "armature": [0.5, 0.4, 0.2],
-    "coulomb": [2.0, 2.0, 1.0],
-    "viscous": [1.0, 1.0, 0.5],
-}
+SHEET = {"armature": [0.5, 0.4, 0.2], "coulomb": [2.0, 2.0, 1.0]}
+SHEET["viscous"] = [1.0, 1.0, 0.5]
 PERIOD, TICKS = 1e-3, 800
 EXACT = 1e-3
 ROUGH = {
@@ -40,23 +36,26 @@ ROUGH = {
 """Share of the gap that may remain of what MuJoCo has in another form; see ``docs/export.md``."""
 
 
-LINK = Link(
-    "j", "l", mass=3, com="0 0 0.15", inertia="0.04 0.04 0.02", limit="-3 3 200 5"
+LINKS = changed(
+    [
+        Link("j1", "l1", "0 0 1", "0 0 0.2"),
+        Link("j2", "l2", "0 1 0", "0 0 0.3"),
+        Link("j3", "l3", "0 1 0", "0 0 0.3"),
+    ],
+    mass=3,
+    com="0 0 0.15",
+    inertia="0.04 0.04 0.02",
+    limit="-3 3 200 5",
 )
-LINKS = (
-    LINK._replace(joint="j1", name="l1", axis="0 0 1", origin="0 0 0.2"),
-    LINK._replace(joint="j2", name="l2", origin="0 0 0.3"),
-    LINK._replace(joint="j3", name="l3", origin="0 0 0.3"),
-)
+Effects = tuple[AppliedEffect, ...]
 
 
 @pytest.fixture
 def arm(tmp_path: Path) -> NominalArm:
-    file = written(tmp_path / "robot.urdf", "r", *LINKS)
-    return load_nominal_arm(file, sheet=SHEET)
+    return chain(tmp_path, "robot", *LINKS, **SHEET)
 
 
-def load(arm: NominalArm, effects: tuple[AppliedEffect, ...], folder: Path) -> Any:
+def load(arm: NominalArm, effects: Effects, folder: Path) -> Any:
     file = folder / "arm.xml"
     export(CorrectedArm(arm, effects), "mjcf", file)
     return mujoco.MjModel.from_xml_path(str(file))
@@ -80,10 +79,10 @@ class Loop:
         return np.array([300.0, 400.0, 100.0]) * error + [20.0, 30.0, 8.0] * rate
 
 
-def in_mujoco(model: Any, ticks: int) -> np.ndarray:
+def in_mujoco(model: Any) -> np.ndarray:
     data, steps = mujoco.MjData(model), round(PERIOD / model.opt.timestep)
-    loop, out = Loop(), np.empty((ticks, 3))
-    for tick in range(ticks):
+    loop, out = Loop(), np.empty((TICKS, 3))
+    for tick in range(TICKS):
         mujoco.mj_step1(model, data)
         out[tick] = data.sensordata
         data.ctrl[:] = loop(tick, out[tick])
@@ -92,29 +91,19 @@ def in_mujoco(model: Any, ticks: int) -> np.ndarray:
     return out
 
 
-def on_the_arm(
-    arm: NominalArm, effects: tuple[AppliedEffect, ...], ticks: int
-) -> np.ndarray:
-    loop, out = Loop(), np.empty((ticks, 3))
-    with SimulatedArm(arm, effects, PERIOD) as simulated:
-        simulated.start(np.zeros(3))
-        for tick in range(ticks):
-            out[tick] = simulated.encoders()
-            simulated.step(loop(tick, out[tick]))
-    return out
-
-
-def gap(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.sqrt(np.mean((a[300:] - b[300:]) ** 2)))
-
-
 def gaps(
-    arm: NominalArm, effects: tuple[AppliedEffect, ...], folder: Path
+    arm: NominalArm, effects: Effects, folder: Path, others: Effects = ()
 ) -> list[float]:
-    """Gap of MuJoCo's arm to the simulator's with effects, in MuJoCo without them and with them."""
-    wanted = on_the_arm(arm, effects, TICKS)
-    several = ((), effects)
-    return [gap(in_mujoco(load(arm, x, folder), TICKS), wanted) for x in several]
+    """Gap of MuJoCo's arm to the simulator's with effects, in MuJoCo without them and with them, beside others."""
+    loop, wanted = Loop(), np.empty((TICKS, 3))
+    with SimulatedArm(arm, (*effects, *others), PERIOD) as simulated:
+        simulated.start(np.zeros(3))
+        for tick in range(TICKS):
+            wanted[tick] = simulated.encoders()
+            simulated.step(loop(tick, wanted[tick]))
+    models = (load(arm, x, folder) for x in (others, (*effects, *others)))
+    off = ((in_mujoco(model) - wanted)[300:] for model in models)
+    return [float(np.sqrt(np.mean(each**2))) for each in off]
 
 
 @pytest.mark.parametrize(
@@ -146,15 +135,9 @@ def test_a_motor_at_its_edge_moves_the_arm_as_it_does_in_the_simulator(
     arm: NominalArm, tmp_path: Path, others: tuple[AppliedEffect, ...]
 ) -> None:
     """Back-EMF takes torque from joint 3, as it does in MuJoCo's ``dcmotor``."""
-    without, with_it = (
-        gap(
-            in_mujoco(load(arm, x, tmp_path), TICKS),
-            on_the_arm(arm, (EDGE, *others), TICKS),
-        )
-        for x in (others, (EDGE, *others))
-    )
-    assert without > 1e-4
-    assert with_it < 0.03 * without
+    before, after = gaps(arm, (EDGE,), tmp_path, others)
+    assert before > 1e-4
+    assert after < 0.03 * before
 
 
 def test_friction_holds_a_joint_at_rest(arm: NominalArm, tmp_path: Path) -> None:
@@ -209,7 +192,7 @@ def test_command_meets_ripple_where_the_joint_truly_is(
 def test_gear_is_read_where_the_encoder_sits(
     arm: NominalArm, tmp_path: Path, encoder: str
 ) -> None:
-    arm = load_nominal_arm(arm.urdf, sheet={**SHEET, "encoder": encoder})
+    arm = replace(arm, encoder=encoder)
     effect = applied("joint_elasticity", 3, stiffness=1000.0, damping=5.0)
     model = load(arm, (effect,), tmp_path)
     data = mujoco.MjData(model)
@@ -218,8 +201,8 @@ def test_gear_is_read_where_the_encoder_sits(
     assert data.sensor("j3").data[0] == (0.2 if encoder == "motor" else 0.1)
 
 
-def test_gear_without_a_rotor_is_left_out(arm: NominalArm, tmp_path: Path) -> None:
-    bare = load_nominal_arm(arm.urdf)
+def test_gear_without_a_rotor_is_left_out(tmp_path: Path) -> None:
+    bare = chain(tmp_path, "bare", *LINKS)
     effect = applied("backlash", 2, width=0.01)
     missing, _ = export(CorrectedArm(bare, (effect,)), "mjcf", tmp_path / "a.xml")
     said = [line for line in missing if line.startswith("backlash, joint 2")]

@@ -87,41 +87,30 @@ def recorded(arm: NominalArm, controller: Controller, *effects: AppliedEffect) -
     record(arm, effects, MOTION, controller, duration=3.0, rng=rng, encoder_step=1e-4)
 
 
-def advised(said: str) -> tuple[float, float]:
-    """Factors of kp and kd that a message gives."""
-    kp, kd = re.search(r"kp by ([\d.]+) and kd by ([\d.]+)", said).groups()
-    return float(kp), float(kd)
+def mended(controller: Controller, said: str) -> Controller:
+    """With the gains that a message advises."""
+    gains = {gain.name: getattr(controller, gain.name) for gain in controller.gains}
+    factors = {x: float(re.search(rf"{x} by ([\d.]+)", said)[1]) for x in gains}
+    return replace(controller, **{x: factors[x] * gains[x] for x in gains})
 
 
-def pd(kp: float = 1.0, kd: float = 1.0) -> PD:
-    """So many times the gains that are usual for the pendulum."""
-    gains = {"kp": np.array([700.0 * kp]), "kd": np.array([40.0 * kd])}
-    return PD(rate=1000.0, velocity_cutoff=80.0, **gains)
-
-
-@pytest.mark.parametrize("kind", ["pid", "cascade", "computed_torque"])
-def test_gains_that_diverge_are_named_by_law(kind: str, pendulum) -> None:
-    controller = law(kind).times(60.0)
-    with pytest.raises(GapscopeError, match="multiply kp by") as caught:
-        recorded(pendulum(), controller)
-    assert all(f"{gain.name} by" in str(caught.value) for gain in controller.gains)
-
-
-def test_gains_are_named_and_what_is_advised_is_stable(pendulum) -> None:
+@pytest.mark.parametrize("kind", LAWS)
+def test_gains_are_named_and_what_is_advised_is_stable(kind: str, pendulum) -> None:
     """No effect was given, so none is blamed; what the data sheet lacks is named."""
+    controller = law(kind).times(60.0)
     with pytest.raises(GapscopeError, match="diverged at joint 1, at t =") as caught:
-        recorded(pendulum(), pd(30, 30))
+        recorded(pendulum(), controller)
     said = str(caught.value)
     assert "effect" not in said and "severity" not in said
     assert "torque_limit" in said and "armature" in said
-    kp, kd = advised(said)
-    recorded(pendulum(), pd(30 * kp, 30 * kd))
+    recorded(pendulum(), mended(controller, said))
 
 
 def test_effects_are_named_if_the_loop_is_stable_without_them(pendulum) -> None:
     delay = AppliedEffect("actuator_delay", (1,), {"delay": np.array([0.06])})
-    recorded(pendulum(), pd())
+    controller = law("pd", 6.0)
+    recorded(pendulum(), controller)
     message = "actuator_delay makes a stable loop unstable"
     with pytest.raises(GapscopeError, match=message) as caught:
-        recorded(pendulum(), pd(), delay)
-    recorded(pendulum(), pd(*advised(str(caught.value))), delay)
+        recorded(pendulum(), controller, delay)
+    recorded(pendulum(), mended(controller, str(caught.value)), delay)

@@ -21,12 +21,8 @@ def entry(name: str, joints: list[int], stds: Any = (), p: float = 1.0, **values
     parameters = {key: {"unit": units[key], "value": values[key]} for key in values}
     for key, std in dict(stds).items():
         parameters[key]["std"] = std
-    return {
-        "effect": name,
-        "joints": joints,
-        "probability": p,
-        "parameters": parameters,
-    }
+    found = {"effect": name, "joints": joints, "probability": p}
+    return found | {"parameters": parameters}
 
 
 TRUTH = {

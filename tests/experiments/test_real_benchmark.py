@@ -98,15 +98,9 @@ def scored(kind, effects, number=0, **result):
     """The row of a case by its hidden effects and what came of it."""
     size = 4.0 if effects else 0.0
     case = plan.Planned("ur10", "plain", kind, number, size)
-    truth = {
-        "kind": kind,
-        "effects": list(effects),
-        "gap": [0.0] * 6,
-        "motions": ["slow", "slow"],
-        "severity": [4, 4] if effects else None,
-        "measure": "torque",
-        "conditions": {"robot": "ur10"},
-    }
+    truth = {"kind": kind, "effects": list(effects), "gap": [0.0] * 6}
+    truth |= {"motions": ["slow", "slow"], "severity": [4, 4] if effects else None}
+    truth |= {"measure": "torque", "conditions": {"robot": "ur10"}}
     return scoring.scored(case, truth, {"cpu_seconds": 10.0, **result})
 
 

@@ -35,44 +35,24 @@ def fill(
 
 def row_of(unit: str, day: int) -> dict[str, Any]:
     """The row of a case."""
-    time = FIRST + timedelta(days=day)
-    return {
-        "result": f"{unit}-{day}",
-        "case": f"/cases/{unit}/{day}",
-        "unit": unit,
-        "robot": "two joints/a",
-        "joints": ["yaw", "pitch"],
-        "date": f"{time:%Y-%m-%d}",
-        "recorded_at": time,
-        "finished": datetime.now(timezone.utc),
-        "nominal_sha256": "n",
-        "verdict": "effects_found",
-        "excess": 0.1 * len(unit),
-        "gap": 0.2,
-        "left": 0.0,
-        "effects": ["coulomb_friction"],
-        "error": "",
-        "kept": f"diagnoses/{unit}/{day}",
-        "recorded_seconds": 60.0,
-        "processor_seconds": 5.0,
-        "tries": 1,
-    }
+    time, place = FIRST + timedelta(days=day), f"{unit}/{day}"
+    row = {"result": f"{unit}-{day}", "case": f"/cases/{place}", "unit": unit}
+    row |= {"robot": "two joints/a", "joints": ["yaw", "pitch"], "nominal_sha256": "n"}
+    row |= {"date": f"{time:%Y-%m-%d}", "recorded_at": time}
+    row |= {"finished": datetime.now(timezone.utc), "tries": 1, "error": ""}
+    row |= {"verdict": "effects_found", "effects": ["coulomb_friction"]}
+    row |= {"excess": 0.1 * len(unit), "gap": 0.2, "left": 0.0}
+    row |= {"recorded_seconds": 60.0, "processor_seconds": 5.0}
+    return row | {"kept": f"diagnoses/{place}"}
 
 
 def effect_of(row: dict[str, Any], value: float) -> dict[str, Any]:
     """The number of an effect."""
     keys = ("result", "case", "unit", "robot", "date", "nominal_sha256")
-    number = {"parameter": "torque", "component": "", "si_unit": "N m"}
-    return {
-        **{key: row[key] for key in keys},
-        **number,
-        "named": True,
-        "effect": "coulomb_friction",
-        "joint": 2,
-        "value": value,
-        "std": 0.02,
-        "share": 0.5,
-    }
+    number = {key: row[key] for key in keys}
+    number |= {"effect": "coulomb_friction", "joint": 2, "named": True}
+    number |= {"parameter": "torque", "component": "", "si_unit": "N m"}
+    return number | {"value": value, "std": 0.02, "share": 0.5}
 
 
 def quiet(seed: int, units: int, std: float) -> dict[str, np.ndarray]:

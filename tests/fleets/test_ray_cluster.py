@@ -18,7 +18,6 @@ import pandas as pd
 import pytest
 from guard import HANG
 
-from gapscope.cli import main
 from gapscope.many.fleet import FleetPlan, run_fleet
 from gapscope.many.rows import FleetStore
 from gapscope.many.workers import in_order, ray_module
@@ -56,11 +55,8 @@ def _kill_a_busy_worker(cluster: Any, killed: list[int]) -> None:
     """Kill the first process of the cluster that is seen at a diagnosis; Ray names it after its function."""
     import psutil
 
-    raylets = [
-        process.process.pid
-        for node in cluster.list_all_nodes()
-        for process in node.all_processes["raylet"]
-    ]
+    processes = [node.all_processes["raylet"] for node in cluster.list_all_nodes()]
+    raylets = [one.process.pid for several in processes for one in several]
     end = time.monotonic() + HANG
     while time.monotonic() < end:
         for raylet in raylets:
@@ -96,30 +92,22 @@ def test_a_worker_killed_in_the_middle_changes_nothing_but_the_tries(
 
     local_plan = FleetPlan((str(fleet_folder),), tmp_path / "local", jobs=2)
     run_fleet(local_plan, lambda message: None)
-    for ray_rows, local_rows in zip(
-        _rows(tmp_path / "ray"), _rows(tmp_path / "local"), strict=True
-    ):
+    both = (_rows(tmp_path / way) for way in ("ray", "local"))
+    for ray_rows, local_rows in zip(*both, strict=True):
         pd.testing.assert_frame_equal(ray_rows, local_rows, check_exact=True)
 
 
 @pytest.mark.nightly
 def test_several_cases_of_one_diagnose_are_the_same_by_ray(
-    cluster: Any, fleet_folder: Path, tmp_path: Path
+    cluster: Any, command: Callable[..., Any], fleet_folder: Path, tmp_path: Path
 ) -> None:
-    cases = [str(path) for path in sorted(fleet_folder.glob("arm_[AB]*"))]
-    for backend in ("local", "ray"):
-        out = str(tmp_path / backend)
-        with pytest.raises(SystemExit) as ended:
-            main(["diagnose", *cases, "--out", out, "--backend", backend])
-        assert not ended.value.code
-    for name in (
-        "units.json",
-        *(f"{Path(case).name}/diagnosis.json" for case in cases),
-    ):
-        texts = [
-            (tmp_path / backend / name).read_bytes() for backend in ("local", "ray")
-        ]
-        assert texts[0] == texts[1]
+    cases, ways = sorted(fleet_folder.glob("arm_[AB]*")), ("local", "ray")
+    for way in ways:
+        how = ("--out", tmp_path / way, "--backend", way)
+        assert command("diagnose", *cases, *how).code == 0
+    for name in ("units.json", *(f"{case.name}/diagnosis.json" for case in cases)):
+        local, ray = ((tmp_path / way / name).read_bytes() for way in ways)
+        assert local == ray
 
 
 @pytest.mark.nightly
