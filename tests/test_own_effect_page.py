@@ -26,13 +26,16 @@ def gapscope(
 ) -> subprocess.CompletedProcess[str]:
     """Run a command line in a folder outside the project."""
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    return subprocess.run(
-        [sys.executable, "-m", *shlex.split(command)],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": path, **variables},
-        text=True,
-        capture_output=True,
-    )
+    env = {**os.environ, "PYTHONPATH": path, **variables}
+    call = [sys.executable, "-m", *shlex.split(command)]
+    return subprocess.run(call, cwd=folder, env=env, text=True, capture_output=True)
+
+
+def run(folder: Path, command: str, **variables: str) -> str:
+    """Standard output of a command that succeeds."""
+    done = gapscope(folder, command, **variables)
+    assert done.returncode == 0, f"{command}\n{done.stderr}"
+    return done.stdout
 
 
 @pytest.fixture(scope="module")
@@ -43,14 +46,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "truth.yaml").write_text(blocks("yaml")[0])
     make, use = blocks("sh")[:2]
     for command in [*make.splitlines(), *use.splitlines()]:
-        done = gapscope(folder, command)
-        assert done.returncode == 0, f"{command}\n{done.stderr}"
-        (folder / f"{command.split()[1]}.txt").write_text(done.stdout)
+        said = run(folder, command)
+        (folder / f"{command.split()[1]}.txt").write_text(said)
         if command.startswith("gapscope diagnose"):
             # the answer that the page shows, however the terminal breaks it; engines differ in the last digits
             shown, answer = (
                 re.sub(r"\d+\.\d+", "#", " ".join(text.split()))
-                for text in (blocks("text")[0], done.stdout)
+                for text in (blocks("text")[0], said)
             )
             assert shown in answer
     return folder
@@ -91,19 +93,15 @@ def test_several_files_are_given_one_after_the_other(folder: Path) -> None:
     entry = model[model.index("- effect") :]
     other = entry.replace("cable_drag", "hose_drag")
     (folder / "two.yaml").write_text(f"{model}\n{other}")
-    done = gapscope(folder, command)
-    assert done.returncode == 0, done.stderr
+    run(folder, command)
     assert (folder / "two.csv").read_text() != (folder / "predicted.csv").read_text()
 
 
 def test_several_cases_are_diagnosed_with_it_in_processes_of_their_own(
     folder: Path,
 ) -> None:
-    done = gapscope(
-        folder,
-        "gapscope diagnose arm arm/case.yaml --jobs 2 --effects-from cable_drag.py --out both",
-    )
-    assert done.returncode == 0, done.stderr
+    how = "--jobs 2 --effects-from cable_drag.py --out both"
+    run(folder, f"gapscope diagnose arm arm/case.yaml {how}")
     for name in ("arm", "arm-2"):
         document = json.loads((folder / "both" / name / "diagnosis.json").read_text())
         assert [found["effect"] for found in document["effects"]] == ["cable_drag"]
@@ -130,13 +128,10 @@ def test_a_variable_or_an_installed_package_stands_for_the_option(
         said = "none.py, named in GAPSCOPE_EFFECTS"
     else:
         places = {"one": "cable_drag:CABLE_DRAG", "other": "no_such:X"}
-        good, bad = (
-            {"PYTHONPATH": package(tmp_path / name, place)}
-            for name, place in places.items()
-        )
+        sites = (package(tmp_path / name, place) for name, place in places.items())
+        good, bad = ({"PYTHONPATH": site} for site in sites)
         said = "the effects of the package my-arms cannot be loaded"
-    done = gapscope(folder, AGAIN, **good)
-    assert done.returncode == 0, done.stderr
+    run(folder, AGAIN, **good)
     again = (folder / "again.csv").read_text()
     assert again == (folder / "predicted.csv").read_text()
     refused = gapscope(folder, AGAIN, **bad)
