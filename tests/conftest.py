@@ -22,6 +22,8 @@ from gapscope.effects.effect import TorqueLaw
 
 # helpers of tests in their sub-folders and in other folders: ``documents``, ``synthetic``, ``problems``
 sys.path[:0] = [str(Path(__file__).parent / name) for name in ("diagnosis", "ident")]
+# what the scripts of the experiments share
+sys.path.append(str(Path(__file__).parents[1] / "experiments"))
 
 BESIDE_THE_PROJECT = Path(__file__).resolve().parents[2] / "shared" / "data"
 

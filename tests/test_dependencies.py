@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -22,18 +21,8 @@ WITHOUT_HASH = {"torch"}
 """Its file depends on the index; see docs/security.md."""
 
 
-def script(name: str) -> ModuleType:
-    """A script of ``.ci``."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / ".ci" / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    # dataclasses and named tuples look for their module
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-LOCK, LICENCES = script("lock"), script("licences")
+sys.path.append(str(ROOT / ".ci"))
+LOCK, LICENCES = map(importlib.import_module, ("lock", "licences"))
 
 
 def names(requirements: list[str]) -> set[str]:

@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 
 import gapscope  # noqa: F401 (registers the environment)
+from gapscope.envs.simulated_arm import SimulatedArm
 
 NAME = "gapscope/ArmTracking-v0"
 SHORT = {"episode_length": 0.4, "motion": "fourier"}
@@ -23,3 +24,12 @@ def rollout(
         over = terminated or truncated
     env.close()
     return np.array(observations), np.array(rewards), info | {"terminated": terminated}
+
+
+def missing_torque(simulated: SimulatedArm, *state: np.ndarray) -> np.ndarray:
+    """What inverse dynamics needs for one step from a state (q, dq) beyond the torque that moved it [N m]."""
+    q, dq, torque = state
+    simulated.reset(q, dq)
+    simulated.step(torque)
+    motion = q, dq, (simulated.dq - dq) / simulated.dt
+    return simulated.body.inverse_dynamics(*(x[None] for x in motion))[0] - torque

@@ -107,9 +107,7 @@ def test_a_negative_value_acts_the_other_way(
     np.testing.assert_allclose(up, -down, atol=0.03 * np.abs(up).max())
 
 
-STEADY = tuple(
-    name for name, effect in CATALOGUE.items() if not isinstance(effect, Transmission)
-)
+STEADY = [x for x, law in CATALOGUE.items() if not isinstance(law, Transmission)]
 """Joints with two masses ring; they are compared with closed formulas in ``drive/test_two_mass.py``."""
 
 DT = 1e-3
@@ -148,19 +146,12 @@ def _gaps(
     return np.abs(before[inner]).max(), np.abs(after[inner]).max(), seen, q
 
 
+SLOWER = {"limit": [75.0, 22.0], "corner_speed": 0.3, "no_load_speed": [1.05, 1.5]}
+HOTTER = {"scale": 0.0, "fading": 0.15, "rated": [60.0, 20.0], "warming_time": 0.2}
 SEVERE = {
     "torque_saturation": {"limit": [67.5, 19.0]},
-    "torque_saturation falling with the speed": {
-        "limit": [75.0, 22.0],
-        "corner_speed": 0.3,
-        "no_load_speed": [1.05, 1.5],
-    },
-    "torque_scale falling with heat": {
-        "scale": 0.0,
-        "fading": 0.15,
-        "rated": [60.0, 20.0],
-        "warming_time": 0.2,
-    },
+    "torque_saturation falling with the speed": SLOWER,
+    "torque_scale falling with heat": HOTTER,
     "external_force": {"force": [20.0, 5.0, -9.0], "start": 0.2, "end": 0.3},
 }
 """Values that show on the planned motion, of effects whose drawn ones do not."""

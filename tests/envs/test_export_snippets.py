@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import builtins
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -166,28 +165,33 @@ def test_mjlab_holds_the_joints_biases_encoders_and_draws_by_joint(
     assert bias == pytest.approx((-0.02 * WIDTH, 0.02 * WIDTH))
 
 
-@dataclass
-class Builder:
+class Calls:
+    """An object of another program, of which each method keeps what it was given last."""
+
+    def __init__(self, **known: Any) -> None:
+        self.last: dict[str, Any] = {}
+        vars(self).update(known)
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *values: self.last.__setitem__(name, values)
+
+
+def newton_builder(*labels: str) -> SimpleNamespace:
     """As much of newton.ModelBuilder as the snippet uses."""
-
-    joint_label: list[str]
-    actuators: list[dict[str, Any]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        n = len(self.joint_label)
-        self.joint_qd_start = self.joint_q_start = list(range(n))
-        for name in ("damping", "friction", "armature", "stiffness", "rest_q"):
-            setattr(self, f"joint_{name}", [0.0] * n)
-        self.joint_target_ke, self.joint_target_kd = [9.0] * n, [9.0] * n
-
-    def add_actuator(self, drive: Any, **given: Any) -> None:
-        self.actuators.append(given)
+    n = len(labels)
+    places = {"joint_qd_start": list(range(n)), "joint_q_start": list(range(n))}
+    built = SimpleNamespace(joint_label=list(labels), actuators=[], **places)
+    for name in ("damping", "friction", "armature", "stiffness", "rest_q"):
+        setattr(built, f"joint_{name}", [0.0] * n)
+    built.joint_target_ke, built.joint_target_kd = [9.0] * n, [9.0] * n
+    built.add_actuator = lambda drive, **given: built.actuators.append(given)
+    return built
 
 
 def test_newton_sets_each_joint_of_the_builder_and_draws_one_factor(
     snippet: Any,
 ) -> None:
-    builder = Builder([f"arm/{name}" for name in (FOUR, THREE, TWO)] + ["other"])
+    builder = newton_builder(*(f"arm/{x}" for x in (FOUR, THREE, TWO)), "other")
     snippet("newton")["add_actuators"](builder)
     assert builder.joint_friction == [0.0, 0.0, 4.0, 0.0]
     assert builder.joint_stiffness == [0.0, 0.0, 12.0, 0.0]
@@ -197,7 +201,7 @@ def test_newton_sets_each_joint_of_the_builder_and_draws_one_factor(
     assert three["kp"] == pytest.approx(360)
     assert four["clamping"][0][1] == {"max_effort": 20.0}
 
-    builder, rng = Builder([THREE] * 20), np.random.default_rng(0)
+    builder, rng = newton_builder(*[THREE] * 20), np.random.default_rng(0)
     snippet("newton", randomise=True)["add_actuators"](builder, rng)
     kp, kd = (np.array([a[key] for a in builder.actuators]) for key in ("kp", "kd"))
     clamps = [a["clamping"][0][1]["max_effort"] for a in builder.actuators]
@@ -206,44 +210,34 @@ def test_newton_sets_each_joint_of_the_builder_and_draws_one_factor(
 
 
 def test_genesis_has_values_of_its_own_in_each_environment(snippet: Any) -> None:
-    calls = {}
-
-    class Robot:
-        def get_joint(self, name: str) -> Any:
-            return SimpleNamespace(dofs_idx_local=[int(name[-1]) - 1])
-
-        def __getattr__(self, name: str) -> Any:
-            return lambda *values: calls.__setitem__(name, values)
-
+    joint = lambda name: SimpleNamespace(dofs_idx_local=[int(name[-1]) - 1])  # noqa: E731
+    robot = Calls(get_joint=joint)
     set_joints = snippet("genesis", randomise=True)["set_joints"]
-    set_joints(Robot())
-    assert calls["set_dofs_frictionloss"][0].tolist() == [0, 4, 0, 0, 0, 0, 0]
-    assert calls["set_dofs_frictionloss"][1] == list(range(7))
-    set_joints(Robot(), np.random.default_rng(0), 5)
-    drawn = calls["set_dofs_frictionloss"][0]
+    set_joints(robot)
+    assert robot.last["set_dofs_frictionloss"][0].tolist() == [0, 4, 0, 0, 0, 0, 0]
+    assert robot.last["set_dofs_frictionloss"][1] == list(range(7))
+    set_joints(robot, np.random.default_rng(0), 5)
+    drawn = robot.last["set_dofs_frictionloss"][0]
     assert drawn.shape == (5, 7) and np.ptp(drawn[:, 1]) > 0
-    low, high, _ = calls["set_dofs_force_range"]
-    kp = calls["set_dofs_kp"][0]
+    low, high, _ = robot.last["set_dofs_force_range"]
+    kp = robot.last["set_dofs_kp"][0]
     assert (low == -high).all() and high[:, 2] == pytest.approx(kp[:, 2])
 
 
 def test_drake_divides_the_rotor_by_the_square_of_the_gear(snippet: Any) -> None:
-    scope, made = snippet("drake"), {}
-
-    class Actuator:
-        def __getattr__(self, name: str) -> Any:
-            return lambda value: made.__setitem__(name, value)
-
+    scope, actuator = snippet("drake"), Calls()
     plant = SimpleNamespace(
         GetJointActuatorIndices=lambda: [],
         GetJointByName=lambda name: SimpleNamespace(set_default_damping=print),
-        AddJointActuator=lambda name, joint: Actuator(),
+        AddJointActuator=lambda name, joint: actuator,
     )
     scope |= {"RevoluteJoint": str, "GEAR_RATIO": 100.0}
     scope["JOINTS"] = {ONE: scope["JOINTS"][ONE]}
     scope["set_joints"](plant)
-    assert made["set_default_rotor_inertia"] == pytest.approx(0.4 / 1e4)
-    assert made["set_default_gear_ratio"] == 100.0
+    (rotor,), (gear,) = (
+        actuator.last[f"set_default_{x}"] for x in ("rotor_inertia", "gear_ratio")
+    )
+    assert (rotor, gear) == (pytest.approx(0.4 / 1e4), 100.0)
 
 
 def test_playground_names_fields_joints_and_bodies(snippet: Any) -> None:

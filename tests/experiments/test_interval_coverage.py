@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "experiments"))
 coverage = import_module("51_interval_coverage")
 calibration_table, stated = coverage.calibration_table, coverage.stated
 coverage_table, values = coverage.coverage_table, coverage.values

@@ -1,12 +1,13 @@
 """Plan, time limit, cuts and scores of the benchmark of real arms."""
 
 import importlib
-import sys
 import time
-from pathlib import Path
 
+import common as runner
 import numpy as np
 import pytest
+import real_carriers as carriers
+import real_cases as plan
 from guard import HANG
 
 from gapscope.arm.case import Case
@@ -14,11 +15,7 @@ from gapscope.arm.io.import_section import Import
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "experiments"))
-plan, carriers, scoring, runner = map(
-    importlib.import_module,
-    ("real_cases", "real_carriers", "26_real_benchmark", "common"),
-)
+scoring = importlib.import_module("26_real_benchmark")
 SIZES = [2.5, 4.0, 8.0]
 
 

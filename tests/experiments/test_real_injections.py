@@ -1,19 +1,16 @@
 """Effects put into recordings: against values worked out by hand for a pendulum about z, gravity along -y."""
 
-import importlib
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+import real_cases as injections
+import real_laws as laws
 from arms import ROD, chain
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "experiments"))
-laws, injections = map(importlib.import_module, ("real_laws", "real_cases"))
 ONE = np.array([0])
 
 
