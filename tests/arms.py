@@ -14,7 +14,6 @@ from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
 import numpy as np
-import pytest
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
@@ -111,7 +110,6 @@ def chain(
 
 def iiwa_of_three() -> NominalArm:
     """Three joints of the iiwa, with rotors and friction."""
-    pytest.importorskip("pybullet_data")
     sheet = {
         "armature": [0.3, 0.3, 0.2],
         "viscous": [4.0, 4.0, 2.0],

@@ -118,11 +118,7 @@ def test_joint_limits_hold_under_gravity(
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_an_arm_that_diverges_is_seen_to_do_so(
-    engines,
-    bare_arm: NominalArm,
-    engine: str,
-    tmp_path,
-    monkeypatch: pytest.MonkeyPatch,
+    engines, bare_arm: NominalArm, engine: str, tmp_path: Path, monkeypatch
 ) -> None:
     """No engine puts it back where it started, and none writes a file about it."""
     monkeypatch.chdir(tmp_path)
@@ -144,7 +140,6 @@ def test_pybullet_is_loaded_in_silence() -> None:
     """It says on standard error when it was built; what comes after it is heard."""
     pytest.importorskip("pybullet")
     code = "import sys, gapscope.envs.engines.pybullet; print('heard', file=sys.stderr)"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=HANG
-    )
+    how = {"capture_output": True, "text": True, "timeout": HANG}
+    done = subprocess.run([sys.executable, "-c", code], **how)
     assert (done.returncode, done.stdout, done.stderr.split()) == (0, "", ["heard"])

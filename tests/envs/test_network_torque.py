@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from cases import sines, untrained_network
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -22,7 +21,6 @@ def motion(size: float) -> Motion:
 
 
 def test_samples_one_by_one_say_what_the_whole_motion_says() -> None:
-    pytest.importorskip("pybullet_data")
     arm, residual = load_nominal_arm("xarm6"), untrained_network(N)
     far = residual.trust._replace(radius=np.full(N, 1e3))
     residual = replace(residual, trust=far, bound=np.full(N, 50.0))
