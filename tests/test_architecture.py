@@ -73,30 +73,21 @@ ONLY_IN = {
 }
 """The only places that may import a library."""
 
-NAMES_EFFECTS: dict[str, str] = {
-    f"gapscope.{module}": reason
-    for reason, modules in {
-        "armature is the data sheet's or a model file's own key": (
-            *("arm.nominal", "arm.robots"),
-            "envs.mystery_arm",
-            *("model_audit.checks",),
-            "diagnosis.diagnose_change",
-        ),
-        "payload is the case's key of a known load": ("diagnosis.document.content",),
-        "the blind check keeps what hides what, and plain methods, apart": (
-            *("blind_check.baselines", "blind_check.check", "blind_check.scoring"),
-        ),
-    }.items()
-    for module in modules
+NAMES_EFFECTS = {
+    # armature is the data sheet's or a model file's own key
+    *("arm.nominal", "arm.robots", "envs.mystery_arm", "model_audit.checks"),
+    "diagnosis.diagnose_change",
+    # payload is the case's key of a known load
+    "diagnosis.document.content",
+    # the blind check keeps what hides what, and plain methods, apart
+    *("blind_check.baselines", "blind_check.check", "blind_check.scoring"),
 }
-"""Modules outside ``effects/`` that name an effect all the same, with what for. No new ones: ask the records."""
+"""Modules outside ``effects/`` that name an effect all the same. No new ones: ask the records."""
 
 FILES = {
-    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(
-        ".__init__"
-    ): path
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
     for path in sorted(PACKAGE.rglob("*.py"))
-}
+}  # fmt: skip
 """Path of each module, by its dotted name."""
 
 
@@ -184,7 +175,7 @@ def test_effects_are_named_in_their_records_alone():
     """The generator of the blind check shares nothing with them and has names of its own."""
     apart = ("gapscope.effects", "gapscope.blind_check.generator")
     naming = {m for m in FILES if not m.startswith(apart) and named_in(m)[1]}
-    assert naming == NAMES_EFFECTS.keys()
+    assert naming == {f"gapscope.{module}" for module in NAMES_EFFECTS}
 
 
 def test_names_of_test_modules_are_unique():

@@ -86,23 +86,22 @@ def test_the_fingerprint_is_that_of_the_listing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("address", "said"),
+    ("address", "text", "said"),
     [
-        ("nowhere", "no case.yaml"),
-        ("unknown://x", "cannot be opened"),
-        ("bad.csv", "line 2: 'soon' is no date"),
-        ("empty.csv", "line 2: names no case"),
-        ("other.csv", "line 1: has the columns folder"),
-        ("missing.txt", "cannot be read"),
+        ("nowhere", "", "no case.yaml"),
+        ("unknown://x", "", "cannot be opened"),
+        ("bad.csv", "case,date\nx,soon\n", "line 2: 'soon' is no date"),
+        ("empty.csv", "case,date\n,2026-01-01\n", "line 2: names no case"),
+        ("other.csv", "folder\nx\n", "line 1: has the columns folder"),
+        ("missing.txt", "", "cannot be read"),
     ],
 )
 def test_addresses_that_cannot_be_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str, said: str
+    tmp_path: Path, monkeypatch, address: str, text: str, said: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("bad.csv").write_text("case,date\nx,soon\n")
-    Path("empty.csv").write_text("case,date\n,2026-01-01\n")
-    Path("other.csv").write_text("folder\nx\n")
+    if text:
+        Path(address).write_text(text)
     with pytest.raises(GapscopeError, match=said):
         list(all_cases((address,)))
 

@@ -177,17 +177,13 @@ def test_head_has_the_headers_of_get_and_no_content(ask):
     assert head.headers["Content-Length"] == get.headers["Content-Length"]
 
 
-@pytest.mark.parametrize(
-    "host", ["evil.example", "localhost.evil.example", "127.0.0.1.nip.io", "0.0.0.0", "localhost:1:2", ""]
-)  # fmt: skip
-def test_a_foreign_host_is_refused(ask, host):
-    got = ask("/", host=host)
-    assert got.status == 421 and "cell" not in got.text
-
-
-@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:9000", "127.0.0.1:80"])
-def test_names_of_this_machine_are_accepted(ask, host):
-    assert ask("/", host=host).status == 200
+def test_names_of_this_machine_alone_are_accepted(ask):
+    for host in ("localhost", "LOCALHOST:9000", "127.0.0.1:80"):
+        assert ask("/", host=host).status == 200
+    foreign = ("evil.example", "localhost.evil.example", "127.0.0.1.nip.io")
+    for host in (*foreign, "0.0.0.0", "localhost:1:2", ""):
+        got = ask("/", host=host)
+        assert got.status == 421 and "cell" not in got.text
 
 
 def test_pages_may_load_and_send_nothing(ask):

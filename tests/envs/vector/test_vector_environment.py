@@ -24,11 +24,7 @@ from gapscope.envs.randomisation import Randomisation
 NAME = "gapscope/ArmTracking-v0"
 ALONE = ("joint_elasticity", "backlash")
 """Effects with which an arm is not stepped beside others."""
-TOGETHER = tuple(
-    name
-    for name, effect in CATALOGUE.items()
-    if name not in ALONE and effect.reach != "motor"
-)
+TOGETHER = tuple(name for name in CATALOGUE if name not in ALONE)
 
 
 def _compare(
@@ -41,8 +37,8 @@ def _compare(
     **options: object,
 ) -> int:
     """Assert that both forms are equal under random actions; returns how many episodes ended."""
-    options = {"episode_length": 0.16, "debug": True, "motion": "fourier", **options}
-    options = {"engine": "mujoco", **options}
+    short = {"engine": "mujoco", "episode_length": 0.16, "motion": "fourier"}
+    options = short | {"debug": True} | options
     single = [lambda: ArmTracking(arm, **options)] * count
     alone = SyncVectorEnv(single, autoreset_mode=mode)
     together = VectorArmTracking(count, arm, autoreset_mode=mode, **options)
