@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -27,31 +29,49 @@ ALONE = ("joint_elasticity", "backlash")
 TOGETHER = tuple(name for name in CATALOGUE if name not in ALONE)
 
 
+Pair = tuple[SyncVectorEnv, VectorArmTracking]
+
+
+def _pair(
+    arm: NominalArm | str,
+    count: int,
+    mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+    **options: object,
+) -> Pair:
+    """Environments one by one, and the same together."""
+    short = {"engine": "mujoco", "episode_length": 0.16, "motion": "fourier"}
+    options = short | {"debug": True} | options
+    single = [lambda: ArmTracking(arm, **options)] * count
+    together = VectorArmTracking(count, arm, autoreset_mode=mode, **options)
+    return SyncVectorEnv(single, autoreset_mode=mode), together
+
+
+def _alike(pair: Pair, steps: int, size: float = 1.0, **options: object) -> int:
+    """Assert that both are equal under random actions; returns how many episodes ended."""
+    rng, ended = np.random.default_rng(1), 0
+    starts = [env.reset(seed=5, options=options or None) for env in pair]
+    assert data_equivalence(*starts, exact=True)
+    for _ in range(steps):
+        actions = size * rng.uniform(-1, 1, pair[1].action_space.shape)
+        results = [env.step(actions.astype(np.float32)) for env in pair]
+        assert data_equivalence(*results, exact=True)
+        ended += int((results[0][2] | results[0][3]).sum())
+    return ended
+
+
 def _compare(
     arm: NominalArm | str,
     *,
     count: int = 3,
     steps: int = 12,
     size: float = 1.0,
-    mode: AutoresetMode = AutoresetMode.NEXT_STEP,
     **options: object,
 ) -> int:
-    """Assert that both forms are equal under random actions; returns how many episodes ended."""
-    short = {"engine": "mujoco", "episode_length": 0.16, "motion": "fourier"}
-    options = short | {"debug": True} | options
-    single = [lambda: ArmTracking(arm, **options)] * count
-    alone = SyncVectorEnv(single, autoreset_mode=mode)
-    together = VectorArmTracking(count, arm, autoreset_mode=mode, **options)
-    rng, ended = np.random.default_rng(1), 0
-    starts = alone.reset(seed=5), together.reset(seed=5)
-    assert data_equivalence(*starts, exact=True)
-    for _ in range(steps):
-        actions = size * rng.uniform(-1, 1, together.action_space.shape)
-        results = [env.step(actions.astype(np.float32)) for env in (alone, together)]
-        assert data_equivalence(*results, exact=True)
-        ended += int((results[0][2] | results[0][3]).sum())
-    alone.close()
-    together.close()
+    """The same, of environments of their own."""
+    pair = _pair(arm, count, **options)
+    ended = _alike(pair, steps, size)
+    for env in pair:
+        env.close()
     return ended
 
 
@@ -73,13 +93,21 @@ def test_equal_to_single_environments_with_effects_drawn(
     assert _compare(data_sheet_arm, randomisation=drawn, **options) >= 4
 
 
+@pytest.fixture(scope="module")
+def pair(data_sheet_arm: NominalArm) -> Iterator[Pair]:
+    made = _pair(data_sheet_arm, 2)
+    yield made
+    for env in made:
+        env.close()
+
+
 @pytest.mark.parametrize("name", TOGETHER)
 def test_equal_to_single_environments_with_each_effect(
-    data_sheet_arm: NominalArm, name: str
+    data_sheet_arm: NominalArm, pair: Pair, name: str
 ) -> None:
     scale = ArmScale.of(data_sheet_arm)
     effect = draw(name, np.random.default_rng(7), scale, joints=(2, 4))
-    _compare(data_sheet_arm, effects=(effect,), count=2, steps=4)
+    _alike(pair, steps=4, effects=(effect,))
 
 
 def test_equal_without_friction_with_noise_on_a_hand_and_on_joints_in_another_order(
