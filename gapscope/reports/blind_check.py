@@ -6,10 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-import plotly.graph_objects as go
+from typing import TYPE_CHECKING, Any
 
 from gapscope.arm.io.atomic_write import write_text
 from gapscope.arm.io.json_file import read_json, write_json
@@ -17,12 +14,15 @@ from gapscope.arm.nearest_name import shortened
 from gapscope.blind_check.scoring import Compared
 from gapscope.diagnosis.document.wording import Document
 from gapscope.reports.pages import (
-    COLOURS,
     PageSection,
-    error_bars,
+    drawn,
     figure_html,
+    with_bars,
     write_plot_page,
 )
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 # The truth of a set of cases in lines of text, to look at the generator.
 
@@ -205,65 +205,65 @@ def _median(quantiles: dict[str, float] | None, *, percent: bool = True) -> str:
 # The pictures of a blind check: accuracy over severity, reliability, confusion.
 
 
-QUANTITIES = (("top", "top-1"), ("exact", "exact set"), ("joints", "joints"))
+QUANTITIES = {"top": "top-1", "exact": "exact set", "joints": "joints"}
+"""Shares that are drawn over severity, and their names."""
 
 
-def severity_figure(figures: Document) -> go.Figure:
+def severity_figure(figures: Document) -> Figure:
     """Shares with Wilson's intervals over severity classes of single effects."""
-    groups = figures["by_severity"]
-    figure = go.Figure(layout={"colorway": COLOURS})
-    for key, name in QUANTITIES:
-        shares = [groups[group][key] for group in groups]
+    import pandas as pd
+
+    shares = [
+        {"class": group, "quantity": name, "value": scores[key]["rate"], **scores[key]}
+        for key, name in QUANTITIES.items()
+        for group, scores in figures["by_severity"].items()
+    ]
+    # a set without single effects has no class
+    columns = ("class", "quantity", "value", "low", "high")
+    return drawn(
+        "line",
         # a class without cases is drawn at zero
-        rates = [share["rate"] or 0.0 for share in shares]
-        low, high = np.array([(x["low"], x["high"]) for x in shares]).reshape(-1, 2).T
-        intervals = error_bars(np.array(rates), low, high)
-        figure.add_scatter(
-            x=list(groups), y=rates, name=name, mode="lines+markers", error_y=intervals
-        )
-    figure.update_layout(
-        xaxis_title="own gap over the floor",
-        yaxis_title="share right",
-        yaxis_range=[0, 1.02],
+        with_bars(pd.DataFrame(shares, columns=columns)).fillna({"value": 0.0}),
+        {"class": "own gap over the floor", "value": "share right"},
+        error_y="above",
+        error_y_minus="below",
+        color="quantity",
+        markers=True,
+        range_y=(0, 1.02),
     )
-    return figure
 
 
-def reliability_figure(figures: Document) -> go.Figure:
+def reliability_figure(figures: Document) -> Figure:
     """Share of findings that are right over their probability, beside the diagonal."""
-    rows = figures["calibration"]["reliability"]
-    figure = go.Figure(layout={"colorway": COLOURS})
-    figure.add_scatter(
-        x=[0, 1], y=[0, 1], mode="lines", name="calibrated", line={"dash": "dot"}
+    line = [
+        {"of": "calibrated", "probability": p, "right": p, "count": None}
+        for p in (0.0, 1.0)
+    ]
+    found = [{"of": "findings", **row} for row in figures["calibration"]["reliability"]]
+    return drawn(
+        "line",
+        [*line, *found],
+        {"probability": "probability", "right": "share right"},
+        color="of",
+        line_dash="of",
+        line_dash_sequence=("dot", "solid"),
+        markers=True,
+        hover_data=["count"],
     )
-    figure.add_scatter(
-        x=[row["probability"] for row in rows],
-        y=[row["right"] for row in rows],
-        mode="markers+lines",
-        name="findings",
-        text=[f"{row['count']} findings" for row in rows],
-    )
-    figure.update_layout(xaxis_title="probability", yaxis_title="share right")
-    return figure
 
 
-def confusion_figure(figures: Document) -> go.Figure:
+def confusion_figure(figures: Document) -> Figure:
     """Truth against first answer, numbers of cases."""
-    table = figures["confusion"]
-    answers = sorted({answer for row in table.values() for answer in row})
-    counts = [[row.get(answer, 0) for answer in answers] for row in table.values()]
-    figure = go.Figure(
-        go.Heatmap(
-            z=counts, x=answers, y=list(table), text=counts, texttemplate="%{text}"
-        )
+    import pandas as pd
+    import plotly.express as px
+
+    counts = pd.DataFrame(figures["confusion"]).T.sort_index(axis=1)
+    return px.imshow(
+        counts.fillna(0),
+        labels={"x": "first answer", "y": "truth", "color": "cases"},
+        text_auto=True,
+        aspect="auto",
     )
-    figure.update_layout(
-        xaxis_title="first answer",
-        yaxis_title="truth",
-        # as in a table: the first truth at the top
-        yaxis_autorange="reversed",
-    )
-    return figure
 
 
 # Writing a blind check: ``score.json``, ``score.md`` and ``score.html``, which opens offline.

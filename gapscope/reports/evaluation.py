@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
-from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+import pandas as pd
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -24,13 +23,12 @@ from gapscope.arm.io.json_file import plain, write_json
 from gapscope.diagnosis.document.wording import Document
 from gapscope.effects.corrected_file import described
 from gapscope.reports.pages import (
-    COLOURS,
     PLAIN,
     PageSection,
-    error_bars,
+    drawn,
     figure_html,
-    subplots,
     terminal_table,
+    with_bars,
     write_plot_page,
 )
 
@@ -136,6 +134,8 @@ def _digits(value: float, digits: int) -> str:
 
 MILLI, PERCENT = 1e3, 100.0
 """Factors from rad, m and 1 to what the figures show."""
+ERRORS = {"joint_error": "joint error [mrad]", "tool_error": "tool error [mm]"}
+"""Errors of an episode, as their panels are called."""
 
 
 def write_page(content: Document, lines: Sequence[Line], path: Path) -> None:
@@ -149,8 +149,9 @@ def write_page(content: Document, lines: Sequence[Line], path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
+    figures = _figures(content, lines).items()
     sections = (
-        PageSection(figure=figure_html(_figure(content, lines), "evaluation", 820)),
+        *(PageSection(figure=figure_html(x, name, 420)) for name, x in figures),
         PageSection(
             note="Interquartile means over motions and seeds, with bootstrap intervals of 95 %.",
             heads=HEADS,
@@ -179,84 +180,66 @@ def write_page(content: Document, lines: Sequence[Line], path: Path) -> None:
     write_plot_page(path, title, facts, sections, whole=True)
 
 
-def _figure(content: Document, lines: Sequence[Line]) -> Figure:
-    """Four panels: joint error, tool error, joint error over torque error, and stable bandwidth.
+def _figures(content: Document, lines: Sequence[Line]) -> dict[str, Figure]:
+    """Joint and tool errors of all episodes, joint error over torque error, and stable bandwidths.
 
-    An engine and a disturbance have one colour; the first trace of theirs enters the legend, the others follow it.
+    An engine and a disturbance have one colour in all of them.
     """
-    titles = (
-        "joint error [mrad]",
-        "tool error [mm]",
-        "joint error over torque error",
-        "largest stable bandwidth [Hz]",
+    episodes = pd.DataFrame(content["episodes"]).rename(columns=ERRORS)
+    episodes["kind"] = [_kind(episode) for episode in content["episodes"]]
+    panels = list(ERRORS.values())
+    errors = episodes.melt(["model", "kind"], panels, "panel", "error")
+    boxes = drawn(
+        "box",
+        # episodes that diverged have none
+        errors.assign(error=MILLI * errors["error"].astype(float)),
+        {"model": "", "error": ""},
+        color="kind",
+        facet_col="panel",
+        facet_col_spacing=0.06,
+        points="all",
+        # good and bad models differ by decades
+        log_y=True,
     )
-    figure = subplots(2, 2, subplot_titles=titles, vertical_spacing=0.16)
-    # a colour for each engine and disturbance, in all four panels
-    for number, (kind, own) in enumerate(_by_kind(lines).items()):
-        colour = COLOURS[number % len(COLOURS)]
-        name = f"{kind[0]}, disturbed: {kind[1]}"
-        common = {"name": name, "legendgroup": name}
-        episodes = [
-            episode
-            for episode in content["episodes"]
-            if (episode["engine"], episode["disturbance"]) == kind
-        ]
-        for column, measure in enumerate(("joint_error", "tool_error"), 1):
-            # episodes that diverged have none
-            ended = [e for e in episodes if e[measure] is not None]
-            figure.add_box(
-                x=[episode["model"] for episode in ended],
-                y=[MILLI * episode[measure] for episode in ended],
-                showlegend=column == 1,
-                marker={"color": colour, "size": 4},
-                boxpoints="all",
-                jitter=0.4,
-                row=1,
-                col=column,
-                **common,
-            )
-        # too many diverged episodes make a mean infinite
-        shown = [line for line in own if isfinite(line["joint_error"]["value"])]
-        torque = [line["torque_error"] for line in shown]
-        joint = [line["joint_error"] for line in shown]
-        figure.add_scatter(
-            x=[PERCENT * mean["value"] for mean in torque],
-            y=[MILLI * mean["value"] for mean in joint],
-            error_x=_bars(torque, PERCENT),
-            error_y=_bars(joint, MILLI),
-            text=[line["model"] for line in shown],
-            mode="markers+text",
-            textposition="top center",
-            marker={"color": colour, "size": 8},
-            showlegend=False,
-            row=2,
-            col=1,
-            **common,
-        )
-        figure.add_scatter(
-            x=[line["model"] for line in own],
-            y=[line["margin"] for line in own],
-            mode="markers",
-            marker={"color": colour, "size": 10},
-            showlegend=False,
-            row=2,
-            col=2,
-            **common,
-        )
-    torque_title = "NRMSE of the feedforward torque [%]"
-    # good and bad models differ by decades
-    figure.update_yaxes(type="log", row=1)
-    figure.update_xaxes(title={"text": torque_title}, row=2, col=1)
-    figure.update_yaxes(title={"text": "joint error [mrad]"}, type="log", row=2, col=1)
-    figure.update_yaxes(rangemode="tozero", row=2, col=2)
-    figure.update_layout(boxmode="group")
-    return figure
+    boxes.update_yaxes(matches=None, showticklabels=True)
+    models = pd.DataFrame(
+        {"model": line["model"], "kind": _kind(line), "margin": line["margin"]}
+        for line in lines
+    )
+    # too many diverged episodes make a mean infinite, which is not drawn
+    for name, factor in (("joint_error", MILLI), ("torque_error", PERCENT)):
+        bars = with_bars([line[name] for line in lines], factor)
+        models = models.join(bars.add_prefix(f"{name}_"))
+    relation = drawn(
+        "scatter",
+        models,
+        {
+            "torque_error_value": "NRMSE of the feedforward torque [%]",
+            "joint_error_value": ERRORS["joint_error"],
+        },
+        error_x="torque_error_above",
+        error_x_minus="torque_error_below",
+        error_y="joint_error_above",
+        error_y_minus="joint_error_below",
+        color="kind",
+        text="model",
+        log_y=True,
+    )
+    relation.update_traces(textposition="top center", marker_size=8)
+    margins = drawn(
+        "scatter",
+        models,
+        {"model": "", "margin": "largest stable bandwidth [Hz]"},
+        color="kind",
+    )
+    margins.update_traces(marker_size=10)
+    margins.update_yaxes(rangemode="tozero")
+    return {"errors": boxes, "relation": relation, "bandwidths": margins}
 
 
-def _bars(means: Sequence[Mapping[str, float]], factor: float) -> Document:
-    """Error bars of means."""
-    series = [[mean[key] for mean in means] for key in ("value", "low", "high")]
-    return error_bars(*(factor * np.array(series)), thickness=1)
+def _kind(of: Mapping[str, Any]) -> str:
+    """Engine and disturbance of an episode or a line, in words."""
+    return f"{of['engine']}, disturbed: {of['disturbance']}"
 
 
 # An evaluation as files: page, episodes as CSV, and ``evaluation.json``.

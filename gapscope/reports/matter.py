@@ -11,12 +11,11 @@ from rich.console import Group
 from gapscope.arm.display import MISSING, display_unit, effect_name, percent
 from gapscope.diagnosis.document.wording import Document, acts_on
 from gapscope.reports.pages import (
-    COLOURS,
     PLAIN,
     PageSection,
-    error_bars,
+    drawn,
     figure_html,
-    subplots,
+    with_bars,
     write_plot_page,
 )
 
@@ -92,20 +91,17 @@ def write_page(content: Document, path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
-    # bars are drawn upwards: the first row comes to the top
-    rows = content["rows"][::-1]
-    errors = [[row["matters"][key] for key in ("low", "value", "high")] for row in rows]
-    low, value, high = TO_MRAD * np.array(errors, dtype=float).T
-    figure = subplots(1)
-    figure.add_bar(
-        x=value.tolist(),
-        y=[_name(row) for row in rows],
-        orientation="h",
-        marker={"color": COLOURS[0]},
-        error_x=error_bars(value, low, high),
+    bars = [{"row": _name(row), **row["matters"]} for row in content["rows"]]
+    figure = drawn(
+        "bar",
+        with_bars(bars, TO_MRAD),
+        {"value": "change of the tracking error [mrad]", "row": ""},
+        error_x="above",
+        error_x_minus="below",
     )
-    figure.update_xaxes(title="change of the tracking error [mrad]")
-    drawn = figure_html(figure, "matter", 160 + 30 * len(rows))
+    # bars are drawn upwards: the first row comes to the top
+    figure.update_yaxes(autorange="reversed")
+    html = figure_html(figure, "matter", 160 + 30 * len(bars))
     title = f"{content['case']}: what matters for {content['task']}"
-    sections = (PageSection(figure=drawn), table(content))
+    sections = (PageSection(figure=html), table(content))
     write_plot_page(path, title, content["summary"], sections)

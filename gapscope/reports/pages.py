@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -20,7 +20,6 @@ from gapscope.arm import display
 from gapscope.arm.display import effect_name
 from gapscope.arm.io.atomic_write import write_text
 from gapscope.diagnosis.document.wording import (
-    Document,
     acts_on,
     capital,
     holds_in,
@@ -28,6 +27,7 @@ from gapscope.diagnosis.document.wording import (
 )
 
 if TYPE_CHECKING:
+    import pandas as pd
     from plotly.graph_objects import Figure
 
 # Pages: one template environment, one style; every page is one file that opens without a network.
@@ -252,15 +252,38 @@ def panels_figure(
     return figure
 
 
-def error_bars(
-    value: np.ndarray, low: np.ndarray, high: np.ndarray, **style: Any
-) -> Document:
-    """Bars from low to high, (M,), of a trace at values, (M,); an end that is infinite has no bar."""
-    above, below = (
-        np.where(np.isfinite(x), x, 0.0) for x in (high - value, value - low)
+def drawn(kind: str, rows: Any, axes: Mapping[str, str], **style: Any) -> Figure:
+    """A figure of plotly express in the colours of the pages.
+
+    Args:
+        kind: ``scatter``, ``line``, ``bar`` or ``box``.
+        rows: a data frame, or what makes one.
+        axes: the columns on x and y, each with its title.
+        style: of plotly express: which other column is drawn as what.
+    """
+    import plotly.express as px
+
+    if kind in ("scatter", "line"):
+        # the script of lines and bars has no WebGL, which many points would get
+        style["render_mode"] = "svg"
+    places = dict(zip("xy", axes, strict=True))
+    colours = {"color_discrete_sequence": COLOURS}
+    figure = getattr(px, kind)(rows, **places, labels=axes, **(colours | style))
+    figure.update_layout(legend_title_text="")
+    # a panel is named by a value, without the name of its column
+    figure.for_each_annotation(lambda note: note.update(text=note.text.split("=")[-1]))
+    return figure
+
+
+def with_bars(rows: Any, factor: float = 1.0) -> pd.DataFrame:
+    """Rows with value, low and high times a factor, and the lengths of bars to both ends, above and below."""
+    import pandas as pd  # not needed by all pages
+
+    frame = pd.DataFrame(rows)
+    low, value, high = (
+        factor * frame[k].astype(float) for k in ("low", "value", "high")
     )
-    ends = {"array": above.tolist(), "arrayminus": below.tolist()}
-    return {"type": "data", "symmetric": False, **ends, **style}
+    return frame.assign(value=value, above=high - value, below=value - low)
 
 
 def _rounded(values: np.ndarray) -> list[float]:

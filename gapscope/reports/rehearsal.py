@@ -22,8 +22,8 @@ from gapscope.reports.pages import (
     COLOURS,
     PLAIN,
     PageSection,
+    drawn,
     figure_html,
-    subplots,
     write_plot_page,
 )
 
@@ -102,29 +102,29 @@ def write_page(content: Document, path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
-    figure = subplots(1)
-    # each outcome is a trace, so that the legend names it
-    for outcome, colour in OUTCOMES.items():
-        # a diagnosis that failed says no value
-        rows = [row for row in content["rows"] if row["outcome"] == outcome]
-        places = [
-            f"{effect_name(r['effect'])} {r['joint'] or ''}, {CHANCES[r['chance']]}"
-            for r in rows
-        ]
-        errors = [1.96 * (row["std"] or 0.0) / row["size"] for row in rows]
-        figure.add_scatter(
-            x=[(row["value"] or 0.0) / row["size"] for row in rows],
-            y=places,
-            error_x={"type": "data", "array": errors},
-            mode="markers",
-            marker={"color": colour, "size": 9},
-            name=outcome,
-        )
+    rows = [
+        {
+            "outcome": row["outcome"],
+            "place": f"{effect_name(row['effect'])} {row['joint'] or ''}, {CHANCES[row['chance']]}",
+            # a diagnosis that failed says no value
+            "said": (row["value"] or 0.0) / row["size"],
+            "bar": 1.96 * (row["std"] or 0.0) / row["size"],
+        }
+        for row in content["rows"]
+    ]
+    title = "value said, with its 95 % interval, over what was put in"
+    figure = drawn(
+        "scatter",
+        rows,
+        {"said": title, "place": ""},
+        error_x="bar",
+        color="outcome",
+        color_discrete_map=OUTCOMES,
+        category_orders={"outcome": list(OUTCOMES)},
+    )
+    figure.update_traces(marker_size=9)
     # a value that is right lies on this line
     figure.add_vline(x=1.0, line_dash="dot")
-    figure.update_xaxes(
-        title="value said, with its 95 % interval, over what was put in"
-    )
-    drawn = figure_html(figure, "rehearsal", 180 + 24 * len(content["rows"]))
-    sections = (PageSection(note=as_is(content), figure=drawn), table(content))
+    html = figure_html(figure, "rehearsal", 180 + 24 * len(rows))
+    sections = (PageSection(note=as_is(content), figure=html), table(content))
     write_plot_page(path, f"{content['case']}: rehearsal", content["summary"], sections)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
 
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Trained
 from gapscope.reports.pages import (
-    COLOURS,
     PageSection,
+    drawn,
     figure_html,
-    subplots,
     write_plot_page,
 )
 
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
 ARMS = {"simulator": "simulator", "hidden": "arm with hidden effects"}
 """Arms on which an agent is tried, with their names."""
-MEASURES = {"joint_error": 1e3, "reward": 1.0}
-"""Measures, with the factor to the unit of the panel."""
 MARKER, KEPT_MARKER = 6, 13
 """Sizes of a point, and of the agent that is kept [pixels]."""
 
@@ -62,28 +61,31 @@ def write_page(task: Task, trained: Trained, path: Path) -> None:
 
 def _figure(trained: Trained) -> Figure:
     """Joint error and reward over steps, each on both arms; gaps if an arm was not tracked to the end."""
-    figure = subplots(1, 2, subplot_titles=("joint error [mrad]", "reward per action"))
-    best = trained.curve[trained.best]["steps"]
-    for (arm, name), colour in zip(ARMS.items(), COLOURS, strict=False):
+    rows = [
+        {
+            "steps": point["steps"],
+            "arm": name,
+            "joint error [mrad]": 1e3 * point[arm]["joint_error"],
+            "reward per action": point[arm]["reward"],
+        }
+        for arm, name in ARMS.items()
+        for point in trained.curve
         # without hidden effects there is one arm only
-        points = [point for point in trained.curve if point[arm] is not None]
+        if point[arm] is not None
+    ]
+    figure = drawn(
+        "line",
+        pd.DataFrame(rows).melt(["steps", "arm"], None, "panel", "score"),
+        {"steps": "actions of training", "score": ""},
+        color="arm",
+        facet_col="panel",
+        facet_col_spacing=0.08,
+        markers=True,
+    )
+    best = trained.curve[trained.best]["steps"]
+    for trace in figure.data:
         # the agent that is kept is marked
-        sizes = [KEPT_MARKER if point["steps"] == best else MARKER for point in points]
-        for column, (measure, factor) in enumerate(MEASURES.items(), 1):
-            scores = [point[arm][measure] for point in points]
-            figure.add_scatter(
-                x=[point["steps"] for point in points],
-                # where the arm diverged the line has a gap
-                y=[factor * score if isfinite(score) else None for score in scores],
-                mode="lines+markers",
-                marker={"size": sizes, "color": colour},
-                name=name,
-                line={"color": colour},
-                legendgroup=name,
-                showlegend=column == 1,
-                row=1,
-                col=column,
-            )
-    figure.update_xaxes(title={"text": "actions of training"})
+        trace.marker.size = np.where(trace.x == best, KEPT_MARKER, MARKER)
+    figure.update_yaxes(matches=None, showticklabels=True)
     figure.update_yaxes(rangemode="tozero", col=1)
     return figure
