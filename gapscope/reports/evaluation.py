@@ -71,56 +71,47 @@ def tables(lines: list[Line], content: Document) -> Group:
         "interquartile means, and 95 % intervals"
     )
     # models compare only in one engine and under one disturbance
-    by_kind = _by_kind(lines)
-    return Group(Text(heading), *(_table(own, kind) for kind, own in by_kind.items()))
+    shown = []
+    for kind in dict.fromkeys(map(_kind, lines)):
+        own = [line for line in lines if _kind(line) == kind]
+        shown.append(_table(own, f"\n{kind}"))
+    return Group(Text(heading), *shown)
 
 
-def _by_kind(
-    lines: Sequence[Line],
-) -> dict[tuple[str, str], list[Line]]:
-    """Lines by engine and disturbance, in their order."""
-    found: dict[tuple[str, str], list[Line]] = {}
-    for line in lines:
-        found.setdefault((line["engine"], line["disturbance"]), []).append(line)
-    return found
+def _kind(of: Mapping[str, Any]) -> str:
+    """Engine and disturbance of an episode or a line, in words."""
+    return f"{of['engine']}, disturbed: {of['disturbance']}"
 
 
-def _table(lines: list[Line], kind: tuple[str, str]) -> Table:
+def _table(lines: list[Line], title: str) -> Table:
     heads = ["model"]
     for heading in HEADS[3:]:
         name, bracket, unit = heading.partition(" [")
         # heads over two lines keep the table within 80 columns
         name = name.replace(" ", "\n").replace("diverged", "di-\nverged")
         heads.append(f"{name}\n[{unit}" if bracket else name)
-    rows = []
-    for line in lines:
-        means = [_two_lines(line[name], factor) for name, factor in MEANS]
-        model = Text(line["model"], overflow="fold")
-        # the last two cells are no means
-        rows.append([model, *map(Text, (*means, *cells(line)[-2:]))])
-    title = f"\n{kind[0]}, disturbance: {kind[1]}"
+    rows = [
+        [Text(line["model"], overflow="fold"), *map(Text, cells(line, 2)[3:])]
+        for line in lines
+    ]
     return terminal_table(heads, rows, 1, slice(1, None), title=title, **PLAIN)
 
 
-def cells(line: Line) -> list[str]:
-    """A line as texts, one per heading."""
+def cells(line: Line, digits: int = 3) -> list[str]:
+    """A line as texts, one per heading, with so many digits of the ends of intervals."""
     return [
         line["model"],
         line["engine"],
         line["disturbance"],
-        *(_one_line(line[name], factor) for name, factor in MEANS),
+        *(_mean(line[name], factor, digits) for name, factor in MEANS),
         f"{line['diverged']['count']}/{line['episodes']}",
         "–" if line["margin"] is None else f"{line['margin']:.1f}",
     ]
 
 
-def _one_line(mean: Mapping[str, float], factor: float) -> str:
-    value, low, high = (_digits(factor * x, 3) for x in mean.values())
-    return f"{value} [{low}, {high}]"
-
-
-def _two_lines(mean: Mapping[str, float], factor: float) -> str:
-    low, high = (_digits(factor * x, 2) for x in (mean["low"], mean["high"]))
+def _mean(mean: Mapping[str, float], factor: float, digits: int) -> str:
+    """A mean, and its interval on the next line."""
+    low, high = (_digits(factor * mean[key], digits) for key in ("low", "high"))
     return f"{_digits(factor * mean['value'], 3)}\n{low}–{high}"
 
 
@@ -235,11 +226,6 @@ def _figures(content: Document, lines: Sequence[Line]) -> dict[str, Figure]:
     margins.update_traces(marker_size=10)
     margins.update_yaxes(rangemode="tozero")
     return {"errors": boxes, "relation": relation, "bandwidths": margins}
-
-
-def _kind(of: Mapping[str, Any]) -> str:
-    """Engine and disturbance of an episode or a line, in words."""
-    return f"{of['engine']}, disturbed: {of['disturbance']}"
 
 
 # An evaluation as files: page, episodes as CSV, and ``evaluation.json``.

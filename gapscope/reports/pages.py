@@ -126,7 +126,7 @@ class PageSection:
     Attributes:
         title: above it, or an empty string.
         heads: of the columns of a table.
-        rows: of the table; a row of two cells, if there are more columns, spans them with its second.
+        rows: of the table.
         note: a sentence under the title, or an empty string.
         figure: as HTML, or ``None``.
         numbers: whether the cells are numbers, set to the right.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,6 @@ from gapscope.reports.pages import (
     Panel,
     figure_html,
     panels_figure,
-    terminal_table,
     write_plot_page,
 )
 
@@ -81,25 +81,35 @@ def write_page(
         margin={"l": 62, "r": 14, "t": 34, "b": 46},
         legend_at=1,
     )
-    margins = PageSection(
-        note="Least margin to each limit, over all samples; in brackets the limit.",
-        heads=("", *arm.joints),
-        rows=list(_margins(found)),
-        numbers=True,
-    )
+    margins = replace(_of_joints(found, arm.joints), note=". ".join(_of_arm(found)))
     title = f"Exciting trajectory of {arm.name}"
     write_plot_page(path, title, facts, [PageSection(figure=figure), margins])
 
 
-def _margins(found: Excitation) -> Iterator[list[str]]:
-    """Rows of the table of margins: one number per joint, or one for the whole arm."""
+def _of_joints(
+    found: Excitation, joints: Sequence[str], left_out: str = ""
+) -> PageSection:
+    """The least margin of each joint to each limit over all samples, and the limit."""
+    margins = [m for m in found.margins if m.limit.ndim and m.name != left_out]
+    rows = [
+        [name, *(f"{m.margin[j]:.3g} of {m.limit[j]:.4g}" for m in margins)]
+        for j, name in enumerate(joints)
+    ]
+    heads = ("joint", *(f"{m.name} [{m.unit}]" for m in margins))
+    title = "Least margin to each limit, and the limit"
+    return PageSection(title, heads, rows, numbers=True)
+
+
+def _of_arm(found: Excitation) -> Iterator[str]:
+    """What is nearest to each limit that the whole arm has."""
     for margin in found.margins:
-        # a margin of the whole arm is one number
-        least = np.atleast_1d(margin.margin)
-        limits = np.atleast_1d(margin.limit)
-        pairs = zip(least, limits, strict=True)
-        numbers = [f"{value:.3g} ({limit:.4g})" for value, limit in pairs]
-        yield [f"{margin.name} [{margin.unit}]", *numbers]
+        if not margin.limit.ndim:
+            unit = "" if margin.unit == "1" else f" {margin.unit}"
+            least = float(margin.limit + margin.margin)
+            yield (
+                f"{margin.name}: at least {least:.4g}{unit} (limit {float(margin.limit):.4g}), "
+                f"least at {margin.at:.2f} s"
+            )
 
 
 # An exciting trajectory on the terminal: margins to the limits, and what was found.
@@ -134,33 +144,20 @@ def shown(
     found: Excitation, expected: Sequence[Document], lines: Sequence[str]
 ) -> Group:
     """What a terminal shows: least margins to the limits, sizes at which effects would be named, and some lines."""
+    joints = [f"J{j + 1}" for j in range(found.motion.q.shape[1])]
     # jerk has a line of its own: its column would not fit
-    per_joint = [m for m in found.margins if m.limit.ndim and m.name != "jerk"]
-    joints = range(found.motion.q.shape[1])
-    rows = [
-        [f"J{j + 1}", *(f"{m.margin[j]:.3g} of {m.limit[j]:.4g}" for m in per_joint)]
-        for j in joints
+    table = _of_joints(found, joints, "jerk").on_terminal()
+    texts = [
+        f"jerk: at most {1 - (margin.margin / margin.limit).min():.0%} of its limit, at {margin.at:.2f} s"
+        for margin in found.margins
+        if margin.name == "jerk"
     ]
-    heads = ["joint", *(f"{m.name} [{m.unit}]" for m in per_joint)]
-    title = "least margin to each limit, and the limit"
-    of_arm = []
-    for margin in found.margins:
-        if margin.name == "jerk":
-            used = 1 - float((margin.margin / margin.limit).min())
-            of_arm.append(
-                f"jerk: at most {used:.0%} of its limit, at {margin.at:.2f} s"
-            )
-        elif not margin.limit.ndim:
-            unit = "" if margin.unit == "1" else f" {margin.unit}"
-            least = float(margin.limit + margin.margin)
-            of_arm.append(
-                f"{margin.name}: at least {least:.4g}{unit} (limit {float(margin.limit):.4g}), "
-                f"least at {margin.at:.2f} s"
-            )
-    first = f"run the files that end in _slow first: the same path at {SLOW:g} times the speed"
-    texts = map(Text, (*of_arm, first, *lines))
-    table = terminal_table(heads, rows, title=title)
-    return Group(table, expected_table(expected, len(joints)), *texts)
+    texts += _of_arm(found)
+    texts.append(
+        f"run the files that end in _slow first: the same path at {SLOW:g} times the speed"
+    )
+    sizes = expected_table(expected, len(joints))
+    return Group(table, sizes, *map(Text, (*texts, *lines)))
 
 
 # An exciting trajectory as files: CSV, ROS ``JointTrajectory`` and a page of plots, and a slow version to run first.

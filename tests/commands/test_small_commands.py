@@ -35,7 +35,7 @@ def test_an_open_question_gets_a_recording(
     rivals = "viscous friction (joint 2), or Coulomb friction (joint 2)"
     assert f"Still open: {rivals}" in done.said
     assert "the new recording is expected to give an evidence of" in done.said
-    assert "least margin to each limit" in done.out
+    assert "Least margin to each limit" in done.out
     assert read_sampled(names[0], 2).duration >= 10.0
     assert names[0].read_bytes() == (tmp_path / "a.csv").read_bytes()
 
