@@ -30,13 +30,7 @@ from gapscope.blind_check.scoring import (
     summary,
     wilson,
 )
-from gapscope.reports.blind_check import (
-    brief_tables,
-    confusion_figure,
-    reliability_figure,
-    severity_figure,
-    tables,
-)
+from gapscope.reports.blind_check import FIGURES, brief_tables, tables
 
 CONDITIONS = {"robot": "small", "rate": 250, "bare": False, "inertials_off": 0.0}
 
@@ -206,8 +200,7 @@ def test_the_summary_counts_alarms_unknowns_and_failures() -> None:
     (shown,) = (x for x in brief_tables(figures) if x.title.startswith("Verdicts"))
     assert "source changed during the run | yes" in shown.markdown()
     assert "diagnoses changed after the run | b, c" in shown.markdown()
-    for picture in (severity_figure, reliability_figure, confusion_figure):
-        assert picture(figures).to_json()
+    assert all(make(figures).to_json() for _, make, _ in FIGURES.values())
 
 
 def plain_case(weights: list[float], noise: float = 0.01) -> Design:

@@ -25,13 +25,13 @@ from gapscope.reports.diagnosis import summary
 from gapscope.reports.expected import expected_table
 
 
-def printed(document: dict[str, Any], width: int = 80) -> str:
-    return shown(summary(document), width)
+def printed(document: dict[str, Any]) -> str:
+    return shown(summary(document))
 
 
-def shown(what: RenderableType, width: int = 80) -> str:
+def shown(what: RenderableType) -> str:
     stream = io.StringIO()
-    Console(file=stream, width=width, force_terminal=False).print(what)
+    Console(file=stream, width=80, force_terminal=False).print(what)
     return stream.getvalue()
 
 
@@ -55,9 +55,7 @@ def test_the_summary_fits_in_80_columns(make: Callable[[], dict[str, Any]]) -> N
     document["arm"]["joints"] = ["a_rather_long_name_of_a_joint_" * 3] * 7
     text = printed(document)
     assert max(len(line) for line in text.splitlines()) <= 80
-    assert all(
-        f"{value:.3f}" in text for value in document["gap"]["before"]["torque_nrmse"]
-    )
+    assert all(f"{x:.3f}" in text for x in document["gap"]["before"]["torque_nrmse"])
 
 
 SAID = {
@@ -84,9 +82,8 @@ def test_the_summary_says_what_was_found(make: Callable[[], dict[str, Any]]) -> 
 
 
 def test_names_are_not_read_as_markup() -> None:
-    text = printed(
-        documents.two_effects() | {"case": "[red]line[/red] 4", "warnings": ["[/] odd"]}
-    )
+    odd = {"case": "[red]line[/red] 4", "warnings": ["[/] odd"]}
+    text = printed(documents.two_effects() | odd)
     assert "[red]line[/red] 4" in text and "[/] odd" in text
 
 
@@ -130,9 +127,7 @@ def test_a_gap_as_of_healthy_real_arms_is_said_to_be_no_fault() -> None:
     assert "robot file" not in verdict_sentence(document)
 
 
-def test_a_large_gap_that_a_poor_data_sheet_explains_is_no_praise_of_the_sheet() -> (
-    None
-):
+def test_a_large_gap_that_a_poor_data_sheet_explains_is_no_praise_of_it() -> None:
     document = documents.no_gap() | {"conditioning": {"nominal_inertials_std": 0.1}}
     document["gap"]["after"]["torque_nrmse"] = [0.3] * 7
     said = verdict_sentence(document)
@@ -182,23 +177,20 @@ def test_names_of_joints_are_cut_to_what_tells_them_apart() -> None:
     assert short_names(["a"]) == ["a"]
 
 
-@pytest.mark.parametrize(
-    ("value", "std", "text"),
-    [
-        (8.8, 0.2, "8.80 ± 0.20"),
-        (12.6, 0.4, "12.6 ± 0.4"),
-        (1234.0, 56.0, "1230 ± 60"),
-        (-0.04, 0.3, "−0.04 ± 0.30"),
-        (2.0, None, "2.00"),
-        (2.0, 0.0, "2.00"),
-        (0.0, 0.0, "0"),
-        (1.0, 1e-9, "1.00000 ± 0.00001"),
-    ],
-)
-def test_values_with_their_uncertainty(
-    value: float, std: float | None, text: str
-) -> None:
-    assert uncertain(value, std) == text
+VALUES = [
+    (8.8, 0.2, "8.80 ± 0.20"),
+    (12.6, 0.4, "12.6 ± 0.4"),
+    (1234.0, 56.0, "1230 ± 60"),
+    (-0.04, 0.3, "−0.04 ± 0.30"),
+    (2.0, None, "2.00"),
+    (2.0, 0.0, "2.00"),
+    (0.0, 0.0, "0"),
+    (1.0, 1e-9, "1.00000 ± 0.00001"),
+]
+
+
+def test_values_with_their_uncertainty() -> None:
+    assert [uncertain(x, std) for x, std, _ in VALUES] == [text for *_, text in VALUES]
 
 
 def test_numbers() -> None:
