@@ -21,7 +21,7 @@ from gapscope.blind_check.generator.arms import (
     text_of,
 )
 from gapscope.blind_check.generator.law import Cause, Law, LawContext
-from gapscope.blind_check.generator.laws import LAWS, VARIANTS
+from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.rigid import (
     inertia_diagonal,
     inverse_dynamics,
@@ -451,11 +451,11 @@ def _attempt(spec: CaseSpec, rng: np.random.Generator, attempt: int) -> MadeCase
     setup = draw_setup(spec.conditions, rng)
     if setup is None:
         return None
-    causes, known = [], {**LAWS, **VARIANTS}
+    causes = []
     for name in spec.laws:
         # each with a few tries
         drawn = (
-            draw_cause(known[name], setup, spec.severity, rng) for _ in range(DRAWS)
+            draw_cause(LAWS[name], setup, spec.severity, rng) for _ in range(DRAWS)
         )
         cause = next((cause for cause in drawn if cause is not None), None)
         if cause is None:

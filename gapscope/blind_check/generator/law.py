@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,6 +54,7 @@ class Draws:
     Attributes:
         deviation, peak, speed, inertia, swing, middle: of the context.
         armature, coulomb, viscous: of the data sheet [kg m^2, N m, N m s/rad].
+        encoder_step: of the context.
     """
 
     def __init__(
@@ -66,6 +66,7 @@ class Draws:
         self.swing, self.middle = whole.swing[joints], whole.middle[joints]
         self.armature, self.coulomb = arm.armature[joints], arm.coulomb[joints]
         self.viscous = arm.viscous[joints]
+        self.encoder_step = whole.encoder_step
 
     def uniform(self, low: float, high: float) -> np.ndarray:
         """Even between two numbers, of each joint, (k,)."""
@@ -74,6 +75,14 @@ class Draws:
     def common(self, low: float, high: float) -> np.ndarray:
         """Even between two numbers, the same of all joints, (k,)."""
         return np.full(len(self.joints), self.rng.uniform(low, high))
+
+    def whole_number(self, low: int, high: int) -> np.ndarray:
+        """From one whole number to another, of each joint, (k,)."""
+        return self.rng.integers(low, high + 1, len(self.joints)).astype(float)
+
+    def angle(self) -> np.ndarray:
+        """Even over a turn, of each joint [rad], (k,)."""
+        return self.uniform(-np.pi, np.pi)
 
     def sign(self) -> np.ndarray:
         """Plus or minus one, (k,)."""
@@ -90,7 +99,8 @@ class Law(NamedTuple):
     Attributes:
         name: name of the effect that it generates; outside the catalogue, its own name.
         draw: values at a first guess of the size.
-        act: puts the values into the true arm.
+        act: puts the values into the true arm, if more has to be done than filling in fields.
+        puts, adds: fields of the joints that become, or grow by, which value.
         units: unit of each value that the label gives.
         powers: of the factor by which a cause is sized, for each value that grows or shrinks with it [1]; by default
             1 for the first value that the label gives.
@@ -106,8 +116,10 @@ class Law(NamedTuple):
 
     name: str
     draw: Draw
-    act: Act
+    act: Act | None = None
     units: Mapping[str, str] = {}
+    puts: Mapping[str, str] = {}
+    adds: Mapping[str, str] = {}
     powers: Mapping[str, float] | None = None
     joints: str = "some"
     largest: Mapping[str, float] = {}
@@ -162,7 +174,12 @@ class Cause(NamedTuple):
 
     def act(self, plant: TrueArm) -> None:
         """Put it into the true arm."""
-        self.law.act(plant, self.joints, self.values)
+        for field, name in self.law.puts.items():
+            plant.put(field, self.joints, self.values[name])
+        for field, name in self.law.adds.items():
+            plant.add(field, self.joints, self.values[name])
+        if self.law.act is not None:
+            self.law.act(plant, self.joints, self.values)
 
     def label(self) -> dict[str, Any]:
         """The entry of a label: names and units of the catalogue, joints from 1."""
@@ -176,17 +193,3 @@ class Cause(NamedTuple):
             return {**kind, "joints": joints, "parameters": parameters}
         label = {"effect": self.law.name, "joints": joints, "parameters": parameters}
         return {**label, "recovery": True} if self.law.recovery else label
-
-
-def _writes(write: Callable[..., None], /, **fields: str) -> Act:
-    """Write values of these names into fields of the joints."""
-
-    def act(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-        for name, value in fields.items():
-            write(plant, name, joints, values[value])
-
-    return act
-
-
-puts, adds = partial(_writes, TrueArm.put), partial(_writes, TrueArm.add)
-"""Set fields of the joints to values of these names, and add such values to them."""

@@ -1,10 +1,14 @@
-"""The laws of the generator, by family, and all of them by name."""
+"""The laws of the generator by name: ``laws.yaml``, and in code what is more than products of draws."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from scipy.spatial.transform import Rotation
 
 from gapscope.blind_check.generator.arms import (
@@ -15,17 +19,10 @@ from gapscope.blind_check.generator.arms import (
     set_inertial,
     shifted,
 )
-from gapscope.blind_check.generator.law import (
-    Act,
-    Draws,
-    Law,
-    LawValues,
-    adds,
-    puts,
-)
+from gapscope.blind_check.generator.law import Act, Draw, Draws, Law, LawValues
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 
-# Friction: LuGre with a Stribeck curve, load inside it, warming by its own losses [armstrong1994, bittencourt2012].
+# Friction and rigid bodies.
 
 
 def _drift(draws: Draws) -> LawValues:
@@ -39,71 +36,6 @@ def _drift(draws: Draws) -> LawValues:
         "share": draws.common(0.05, 0.15),
         "power": np.maximum(friction * speed, 1e-6),
     }
-
-
-FRICTION = (
-    Law(
-        "coulomb_friction",
-        lambda draws: {"torque": draws.coulomb * draws.uniform(0.8, 2.0)},
-        adds(coulomb="torque"),
-        {"torque": "N m"},
-        form="LuGre: bristles bend before the joint slides",
-    ),
-    Law(
-        "viscous_friction",
-        lambda draws: {"coefficient": draws.viscous * draws.uniform(0.8, 3.0)},
-        adds(viscous="coefficient"),
-        {"coefficient": "N m s/rad"},
-        form="b |v|^a sgn v with a in 0.94 .. 1",
-    ),
-    Law(
-        "stribeck_friction",
-        lambda draws: {
-            "torque": draws.coulomb * draws.uniform(0.8, 2.0),
-            "velocity": draws.speed * draws.uniform(0.15, 0.6),
-            "power": draws.uniform(1.8, 2.2),
-        },
-        puts(fall="torque", fall_speed="velocity", fall_power="power"),
-        {"torque": "N m", "velocity": "rad/s"},
-        form="inside LuGre, exp(-(|v| / vs)^p) with p in 1.8 .. 2.2",
-    ),
-    Law(
-        "saturating_friction",
-        lambda draws: {
-            "torque": draws.coulomb * draws.uniform(0.8, 2.0),
-            "velocity": draws.speed * draws.uniform(0.3, 0.8),
-            "power": draws.uniform(1.4, 3.0),
-        },
-        puts(level="torque", level_speed="velocity", level_power="power"),
-        {"torque": "N m", "velocity": "rad/s"},
-        form="d v / (|v|^p + w^p)^(1 / p) with p in 1.4 .. 3",
-    ),
-    Law(
-        "load_friction",
-        lambda draws: {"coefficient": draws.uniform(0.05, 0.15)},
-        puts(load="coefficient"),
-        {"coefficient": "1"},
-        largest={"coefficient": 0.35},
-        form="inside LuGre, on the torque behind the motor",
-    ),
-    Law(
-        "friction_drift",
-        _drift,
-        puts(
-            drift="amplitude",
-            drift_time="time_constant",
-            drift_share="share",
-            drift_power="power",
-        ),
-        {"amplitude": "1", "time_constant": "s"},
-        largest={"amplitude": 3.0},
-        form="a joint that warms by its own losses, friction curved in temperature",
-    ),
-)
-"""The laws of friction."""
-
-
-# Rigid bodies: load, one link off, rotor, a base that is not level [hollerbach2008].
 
 
 def _payload(draws: Draws) -> LawValues:
@@ -147,11 +79,6 @@ def _apply_link(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     set_inertial(link, Inertial(mass, com, inertia))
 
 
-def _armature(draws: Draws) -> LawValues:
-    share = draws.uniform(0.2, 0.8)
-    return {"inertia": draws.armature * share, "share": share}
-
-
 def _tilt(draws: Draws) -> LawValues:
     angle = np.radians(draws.rng.uniform(0.5, 4.0))
     direction = draws.rng.uniform(0, 2 * np.pi)
@@ -167,54 +94,7 @@ def _apply_tilt(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.gravity = turn.inv().apply(plant.gravity)
 
 
-BODY = (
-    Law(
-        "payload",
-        _payload,
-        _apply_payload,
-        {"mass": "kg", "com": "m"},
-        powers={"mass": 1, "top": 1},
-        joints="arm",
-        largest={"top": 1.5},
-        own=False,
-        form="a ball of finite radius",
-    ),
-    Law(
-        "link_inertia",
-        _link,
-        _apply_link,
-        {"link": "1", "mass": "kg", "com": "m"},
-        powers={"mass": 1, "com": 1, "share": 1},
-        joints="arm",
-        largest={"share": 0.6},
-        own=False,
-        form="the rigid body itself is changed",
-    ),
-    Law(
-        "armature",
-        _armature,
-        adds(armature="inertia"),
-        {"inertia": "kg m^2"},
-        powers={"inertia": 1, "share": 1},
-        largest={"share": 2.0},
-        form="a rotor of its own",
-    ),
-    Law(
-        "base_tilt",
-        _tilt,
-        _apply_tilt,
-        {"roll": "rad", "pitch": "rad"},
-        powers={"roll": 1, "pitch": 1},
-        joints="arm",
-        largest={"roll": 0.2, "pitch": 0.2},
-        own=False,
-        form="gravity turned in the simulator",
-    ),
-)
-"""The laws of rigid bodies."""
-
-
-# Transmission: two masses with a hardening spring, free play, cogging, a dress pack [deluca2016, tuttle1996].
+# Transmission and motor.
 
 TOOTH = 80.0
 """Resonance of the closed gear of a joint with free play [Hz]."""
@@ -265,149 +145,14 @@ def _spring(draws: Draws) -> LawValues:
     }
 
 
-TRANSMISSION = (
-    Law(
-        "joint_elasticity",
-        _elasticity,
-        puts(stiffness="stiffness", damping="damping", hardening="hardening"),
-        {"stiffness": "N m/rad", "damping": "N m s/rad"},
-        # a spring that yields that many times as far, with the same damping ratio
-        powers={"stiffness": -1, "damping": -0.5, "hardening": -2, "frequency": -0.5},
-        joints="inner",
-        largest={"frequency": -3.0},
-        own=False,
-        form="two masses, the spring hardens with its twist",
-    ),
-    Law(
-        "backlash",
-        _backlash,
-        puts(play="half", stiffness="stiffness", damping="damping"),
-        {"width": "rad"},
-        powers={"width": 1, "half": 1},
-        joints="inner",
-        largest={"width": 0.06},
-        own=False,
-        form="two masses, teeth of finite stiffness that meet with an impact",
-    ),
-    Law(
-        "torque_ripple",
-        lambda draws: {
-            "amplitude": draws.deviation * draws.uniform(0.05, 0.15),
-            "cycles": draws.rng.integers(4, 31, len(draws.joints)).astype(float),
-            "phase": draws.uniform(-np.pi, np.pi),
-            "harmonic": draws.common(0.02, 0.08),
-        },
-        puts(ripple="amplitude", cycles="cycles", phase="phase", harmonic="harmonic"),
-        {"amplitude": "N m", "cycles": "1", "phase": "rad"},
-        form="cogging with a second harmonic",
-    ),
-    Law(
-        "parallel_spring",
-        _spring,
-        puts(spring="stiffness", rest="rest", cubic="cubic"),
-        {"stiffness": "N m/rad", "rest": "rad"},
-        powers={"stiffness": 1, "share": 1},
-        largest={"share": 4.0},
-        form="slightly cubic",
-    ),
-)
-"""The laws of the transmission."""
-
-
-# The motor: torque constant, bias, current clamp, dead time, current loop [gautier2014, hwangbo2019].
-
-
-def _saturation(draws: Draws) -> LawValues:
-    share = draws.uniform(0.65, 0.85)
-    slope = draws.common(0.0, 0.03)
-    return {"limit": share * draws.peak, "slope": slope, "share": share}
-
-
-def _envelope(draws: Draws) -> LawValues:
-    # the mean square speed is a third of the largest one, about
-    no_load = draws.uniform(2.6, 3.6) * draws.speed
-    corner = draws.uniform(0.2, 0.5) * no_load
-    share = draws.uniform(0.7, 0.95)
-    limit = share * draws.peak
+def _lag(draws: Draws) -> LawValues:
     return {
-        "limit": limit,
-        "corner_speed": corner,
-        "no_load_speed": no_load,
-        "stall": limit * no_load / (no_load - corner),
-        "share": share,
+        "time_constant": draws.uniform(0.003, 0.01),
+        "second": np.full(len(draws.joints), float(draws.rng.integers(0, 2))),
     }
 
 
-VARIANTS = {
-    "torque_speed_limit": Law(
-        "torque_saturation",
-        _envelope,
-        puts(clamp="limit", stall="stall", no_load="no_load_speed"),
-        {"limit": "N m", "corner_speed": "rad/s", "no_load_speed": "rad/s"},
-        powers={"limit": -1, "stall": -1, "share": -1},
-        joints="one",
-        largest={"share": -0.4},
-        form="a line of the voltage, rounded off where it meets the current clamp",
-    )
-}
-"""Further laws of effects of the catalogue, which sealed sets do not draw."""
-
-
-ACTUATION = (
-    Law(
-        "torque_scale",
-        lambda draws: {
-            "scale": draws.sign() * draws.uniform(0.07, 0.2),
-            "iron": draws.uniform(0.0, 0.03),
-            "peak": 1.5 * draws.peak,
-        },
-        puts(scale="scale", iron="iron", peak="peak"),
-        {"scale": "1"},
-        largest={"scale": 0.45},
-        form="the torque constant falls a little with current",
-    ),
-    Law(
-        "torque_offset",
-        lambda draws: {
-            "torque": draws.sign() * draws.uniform(0.05, 0.3) * draws.deviation
-        },
-        puts(offset="torque"),
-        {"torque": "N m"},
-        form="a bias of the current sensor",
-    ),
-    Law(
-        "torque_saturation",
-        _saturation,
-        puts(clamp="limit", clamp_slope="slope"),
-        {"limit": "N m"},
-        powers={"limit": -1, "share": -1},
-        largest={"share": -0.4},
-        form="a clamp that falls with speed (back-EMF)",
-    ),
-    Law(
-        "actuator_lag",
-        lambda draws: {
-            "time_constant": draws.uniform(0.003, 0.01),
-            "second": np.full(len(draws.joints), float(draws.rng.integers(0, 2))),
-        },
-        puts(lag="time_constant", second="second"),
-        {"time_constant": "s"},
-        largest={"time_constant": 0.025},
-        form="a current loop of first order, or of second with two equal poles",
-    ),
-    Law(
-        "actuator_delay",
-        lambda draws: {"delay": draws.uniform(0.003, 0.009)},
-        puts(delay="delay"),
-        {"delay": "s"},
-        largest={"delay": 0.025},
-        form="a dead time in whole steps of the drive",
-    ),
-)
-"""The laws of the motor."""
-
-
-# Encoders and the outer world: offset with eccentricity, coarse steps, a push [haddadin2017].
+# The outer world.
 
 
 def _force(draws: Draws) -> LawValues:
@@ -436,45 +181,7 @@ def _push(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.push = pushed
 
 
-SENSING = (
-    Law(
-        "encoder_offset",
-        lambda draws: {
-            "offset": draws.sign() * draws.uniform(0.015, 0.06),
-            "eccentric": draws.common(0.0, 0.05),
-        },
-        puts(encoder="offset", eccentric="eccentric"),
-        {"offset": "rad"},
-        joints="middle",
-        largest={"offset": 0.2},
-        own=False,
-        form="with eccentricity, delta (1 + e sin q)",
-    ),
-    Law(
-        "encoder_quantization",
-        lambda draws: {"step": draws.whole.encoder_step * draws.common(3.0, 20.0)},
-        puts(step="step"),
-        {"step": "rad"},
-        largest={"step": 0.02},
-        own=False,
-        measure="step",
-        form="noise comes before the rounding, the controller sees it too",
-    ),
-    Law(
-        "external_force",
-        _force,
-        _push,
-        {"force": "N", "start": "s", "end": "s"},
-        joints="arm",
-        largest={"force": 300.0},
-        own=False,
-        form="grows and fades smoothly, on MuJoCo's body",
-    ),
-)
-"""The laws of sensing and of the outer world."""
-
-
-# Faults of the set-up: the recording, or the nominal URDF, differs from its description.
+# Faults of the set-up.
 
 UNITS = ("degrees", "milliseconds", "motor_side")
 """Kinds of wrong units."""
@@ -505,6 +212,11 @@ def in_other_units(rows: Columns, unit: str, ratio: float) -> Columns:
     if unit == "motor_side":
         out["tau"] = rows["tau"] / ratio
     return out
+
+
+def _units(draws: Draws) -> LawValues:
+    unit = draws.rng.choice(UNITS)
+    return {"unit": unit, "ratio": float(draws.rng.integers(50, 161))}
 
 
 def _apply_unit(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
@@ -575,57 +287,15 @@ STAMPS = {
 """Kinds of wrong time stamps, and what they make of a recording and an amount."""
 
 
-FAULTS = (
-    Law(
-        "sign_flip",
-        lambda draws: {},
-        _torque(lambda torque, joints: -torque[:, joints]),
-        joints="one",
-        measure="none",
-        form="torque of a joint turned round",
-    ),
-    Law(
-        "joint_swap",
-        lambda draws: {},
-        _torque(lambda torque, joints: torque[:, joints[::-1]]),
-        joints="pair",
-        measure="none",
-        form="torque of two joints exchanged",
-    ),
-    Law(
-        "unit_mismatch",
-        lambda draws: {
-            "unit": draws.rng.choice(UNITS),
-            "ratio": float(draws.rng.integers(50, 161)),
-        },
-        _apply_unit,
-        {"unit": ""},
-        joints="all",
-        measure="none",
-        form="degrees, milliseconds, or the motor's side of the gear",
-    ),
-    Law(
-        "shifted_inertials",
-        lambda draws: {},
-        _apply_shift,
-        joints="arm",
-        measure="none",
-        form="in the URDF that the user believes",
-    ),
-    Law(
-        "time_stamps",
-        _stamps,
-        _apply_stamps,
-        {"kind": "", "amount": "1"},
-        joints="arm",
-        measure="none",
-        form="stretches lost, samples repeated, jitter, or a wrong rate",
-    ),
-)
-"""The faults of the set-up."""
+# Outside the catalogue.
 
 
-# Causes that no effect of the catalogue describes; a diagnosis should answer ``unexplained``.
+def _varying(draws: Draws) -> LawValues:
+    return {
+        "torque": draws.coulomb * draws.uniform(0.5, 1.5),
+        "cycles": draws.uniform(1.5, 5.0) / np.maximum(draws.swing / 2, 0.2),
+        "phase": draws.angle(),
+    }
 
 
 def _uneven(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
@@ -659,6 +329,14 @@ def _shake(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.shaken = values["acceleration"], frequency, phase
 
 
+def _fading(draws: Draws) -> LawValues:
+    return {
+        "share": draws.uniform(0.1, 0.25),
+        "time": draws.common(0.25, 0.5) * draws.whole.shortest,
+        "load": draws.deviation + 0.3 * draws.peak,
+    }
+
+
 def _contact(draws: Draws) -> LawValues:
     rng = draws.rng
     way = rng.standard_normal(3)
@@ -688,120 +366,84 @@ def _press(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.push = pressed
 
 
-OUTSIDE = (
-    Law(
-        "hysteresis",
-        lambda draws: {
-            "torque": draws.deviation * draws.uniform(0.05, 0.2),
-            "reach": draws.swing * draws.uniform(0.15, 0.35),
-        },
-        puts(hysteresis="torque", reach="reach"),
-        {"torque": "N m", "reach": "rad"},
-        outside=True,
-        form="Bouc-Wen",
-    ),
-    Law(
-        "position_dependent_friction",
-        lambda draws: {
-            "torque": draws.coulomb * draws.uniform(0.5, 1.5),
-            "cycles": draws.uniform(1.5, 5.0) / np.maximum(draws.swing / 2, 0.2),
-            "phase": draws.uniform(-np.pi, np.pi),
-        },
-        _uneven,
-        {"torque": "N m", "cycles": "1", "phase": "rad"},
-        outside=True,
-        form="dry friction that varies over a turn",
-    ),
-    Law(
-        "joint_coupling",
-        _coupling,
-        puts(leak="share"),
-        {"share": "1"},
-        joints="later",
-        outside=True,
-        form="torque of the joint before leaks in",
-    ),
-    Law(
-        "base_vibration",
-        _vibration,
-        _shake,
-        {"acceleration": "m/s^2", "frequency": "Hz", "phase": "rad"},
-        joints="arm",
-        outside=True,
-        own=False,
-        largest={"acceleration": 6.0},
-        form="the base is shaken at one frequency",
-    ),
-    Law(
-        "periodic_disturbance",
-        lambda draws: {
-            "torque": draws.deviation * draws.uniform(0.05, 0.2),
-            "frequency": draws.common(1.5, 9.0),
-            "phase": draws.uniform(-np.pi, np.pi),
-        },
-        puts(shake="torque", shake_frequency="frequency", shake_phase="phase"),
-        {"torque": "N m", "frequency": "Hz", "phase": "rad"},
-        joints="one",
-        outside=True,
-        form="a sine over time",
-    ),
-    Law(
-        "fading_torque_constant",
-        lambda draws: {
-            "share": draws.uniform(0.1, 0.25),
-            "time": draws.common(0.25, 0.5) * draws.whole.shortest,
-            "load": draws.deviation + 0.3 * draws.peak,
-        },
-        puts(fade="share", fade_time="time", fade_load="load"),
-        {"share": "1", "time": "s", "load": "N m"},
-        outside=True,
-        largest={"share": 0.5},
-        form="falls as the winding warms",
-    ),
-    Law(
-        "contact",
-        _contact,
-        _press,
-        {"stiffness": "N/m", "normal": "1", "level": "m"},
-        joints="arm",
-        outside=True,
-        own=False,
-        largest={"stiffness": 2e4},
-        form="a wall, Hunt and Crossley",
-    ),
-    Law(
-        "one_sided_friction",
-        lambda draws: {
-            "coefficient": (draws.coulomb + draws.viscous) * draws.uniform(0.5, 2.0)
-        },
-        puts(one_sided="coefficient"),
-        {"coefficient": "N m s^2/rad^2"},
-        outside=True,
-        form="quadratic, in one direction only",
-    ),
-)
-"""The laws outside the catalogue."""
+def _one_sided(draws: Draws) -> LawValues:
+    friction = draws.coulomb + draws.viscous
+    return {"coefficient": friction * draws.uniform(0.5, 2.0)}
 
 
 # All of them
 
-LAWS = {
-    law.name: law
-    for law in (
-        *FRICTION,
-        *BODY,
-        *TRANSMISSION,
-        *ACTUATION,
-        *SENSING,
-        *FAULTS,
-        *OUTSIDE,
-    )
+DRAWS: dict[str, Draw] = {
+    "friction_drift": _drift,
+    "payload": _payload,
+    "link_inertia": _link,
+    "base_tilt": _tilt,
+    "joint_elasticity": _elasticity,
+    "backlash": _backlash,
+    "parallel_spring": _spring,
+    "actuator_lag": _lag,
+    "external_force": _force,
+    "unit_mismatch": _units,
+    "time_stamps": _stamps,
+    "position_dependent_friction": _varying,
+    "joint_coupling": _coupling,
+    "base_vibration": _vibration,
+    "fading_torque_constant": _fading,
+    "contact": _contact,
+    "one_sided_friction": _one_sided,
 }
-INSIDE = tuple(
-    law.name for law in (*FRICTION, *BODY, *TRANSMISSION, *ACTUATION, *SENSING)
+"""Draws of laws that are more than products."""
+ACTS: dict[str, Act] = {
+    "payload": _apply_payload,
+    "link_inertia": _apply_link,
+    "base_tilt": _apply_tilt,
+    "external_force": _push,
+    "sign_flip": _torque(lambda torque, joints: -torque[:, joints]),
+    "joint_swap": _torque(lambda torque, joints: torque[:, joints[::-1]]),
+    "unit_mismatch": _apply_unit,
+    "shifted_inertials": _apply_shift,
+    "time_stamps": _apply_stamps,
+    "position_dependent_friction": _uneven,
+    "base_vibration": _shake,
+    "contact": _press,
+}
+"""Acts of laws that do more than fill in fields of the joints."""
+
+
+def _drawn(recipes: Mapping[str, Sequence[Any]], draws: Draws) -> LawValues:
+    """Values as products of factors, drawn from left to right; see ``laws.yaml``."""
+    values: LawValues = {}
+    for name, factors in recipes.items():
+        value: Any = 1.0
+        for factor in factors:
+            if isinstance(factor, list):
+                method, *ends = factor
+                factor = getattr(draws, method)(*ends)
+            elif isinstance(factor, str):
+                earlier = factor in values
+                factor = values[factor] if earlier else getattr(draws, factor)
+            value = value * factor
+        values[name] = value
+    return values
+
+
+def _law(name: str, *, draw: Any = None, **entry: Any) -> Law:
+    """An entry of ``laws.yaml``."""
+    drawn = DRAWS.get(name) or partial(_drawn, draw or {})
+    return Law(name, drawn, ACTS.get(name), **entry)
+
+
+_DATA = yaml.safe_load(
+    Path(__file__).with_name("laws.yaml").read_text(encoding="utf-8")
 )
+LAWS = {
+    name: _law(name, outside=group == "outside", **entry)
+    for group, laws in _DATA.items()
+    for name, entry in laws.items()
+}
+INSIDE = tuple(_DATA["inside"])
 """Names of the effects that are in the catalogue."""
-SETUP = tuple(law.name for law in FAULTS)
+SETUP = tuple(_DATA["faults"])
 """Names of the faults of the set-up."""
-BEYOND = tuple(law.name for law in OUTSIDE)
+BEYOND = tuple(_DATA["outside"])
 """Names of the laws outside the catalogue."""
