@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,41 +14,20 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, extra
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.document.wording import Document
-from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import CATALOGUE, explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.setup_faults import FAULTS
 from gapscope.model.conditioning import (
     TORQUE_CUTOFF,
-    Segment,
     condition,
-    low_pass,
     position_cutoff,
     torque_scale,
 )
+from gapscope.model.jacobian import Bodies, LinearisationPoint, columns
+from gapscope.model.rows import DecimatedSegments
+from gapscope.model.terms import Terms
 
-# What each effect adds to the torque, by finite differences of the corrected arm's prediction.
-
-
-STEPS = {
-    "coulomb_friction": {"torque": 1e-3},
-    "viscous_friction": {"coefficient": 1e-3},
-    "load_friction": {"coefficient": 1e-4},
-    "armature": {"inertia": 1e-3},
-    "torque_scale": {"scale": 1e-4},
-    "torque_offset": {"torque": 1e-3},
-    "parallel_spring": {"stiffness": 1e-3, "rest": 0.0},
-    "actuator_delay": {"delay": 1e-4},
-    "actuator_lag": {"time_constant": 1e-4},
-}
-"""Effects that act on the torque of their own joint: small values; the springs' rest is fitted by the offset."""
-EFFECTS = (*STEPS, "encoder_offset", "payload", "base_tilt", "link_inertia")
-"""Effects that have columns."""
-THIN = 5
-"""Rows of the conditioned signals per row that is fitted."""
-
-
-Term = tuple[str, int]
+# What each effect adds to the torque: the columns that a diagnosis has, of effects without a shape.
 
 
 class Design(NamedTuple):
@@ -63,7 +42,7 @@ class Design(NamedTuple):
     """
 
     gap: np.ndarray
-    terms: Sequence[Term]
+    terms: Sequence[tuple[str, int]]
     columns: np.ndarray
     nrmse: np.ndarray
     n_joints: int
@@ -76,90 +55,52 @@ class Design(NamedTuple):
 def design(folder: Path) -> Design:
     """The regression of the case in a folder."""
     case = load_case(folder)
-    arm = case.arm
+    arm, body = case.arm, RigidBody(case.arm)
+    nominal, terms = CorrectedArm(arm), Terms(arm.n_joints)
     cutoff = position_cutoff(case.recordings)
     segments = []
     for recording in case.recordings:
         if recording.tau is not None:
             segments += condition(recording, cutoff)
-    torque = _stacked([(s, s.torque) for s in segments if s.torque is not None])
-    body = RigidBody(arm)
-
-    def predicted(*effects: AppliedEffect) -> np.ndarray:
-        corrected = CorrectedArm(arm, effects)
-        return _stacked(
-            [(s, corrected.predict(s.bodies(body), s.motion)) for s in segments]
-        )
-
-    nominal = predicted()
-    scale = torque_scale(torque)
-    terms, columns = [], []
-    for term, column in _columns(arm.n_joints, predicted, nominal):
-        scaled = (column / scale).ravel()
-        length = np.linalg.norm(scaled)
-        # an effect that moves no torque on these motions has no column
-        if np.isfinite(length) and length > 1e-9:
-            terms.append(term)
-            columns.append(scaled / length)
-    gap = (torque - nominal) / scale
+    rows = DecimatedSegments(segments, TORQUE_CUTOFF)
+    scale = torque_scale(rows.rows(segment.recorded_torque for segment in segments))
+    none = np.zeros(terms.size)
+    points = [
+        LinearisationPoint.of(nominal, Bodies(body, segment), terms, none)
+        for segment in segments
+    ]
+    torques = np.vstack([_columns(at, rows) for at in points]) / scale[:, None]
+    lengths = np.linalg.norm(torques, axis=(0, 1))
+    # what is not on one joint has all its coordinates; an effect that moves no torque on these motions has no column
+    told = [
+        (term, place)
+        for term in terms.all
+        for place in term.columns[: None if term.joint == 0 else 1]
+        if lengths[place] > 1e-9
+    ]
+    scaled = [torques[:, :, place].ravel() / lengths[place] for _, place in told]
+    # nothing limits the nominal arm's torque
+    gaps = (at.bodies.segment.recorded_torque - at.torque for at in points)
+    gap = rows.rows(s.bridged(x) for s, x in zip(segments, gaps, strict=True)) / scale
     return Design(
         gap=gap.ravel(),
-        terms=terms,
-        columns=np.stack(columns, axis=1),
+        terms=[(term.effect, term.joint) for term, _ in told],
+        columns=np.stack(scaled, axis=1),
         nrmse=rms(gap),
         n_joints=arm.n_joints,
     )
 
 
-def _stacked(series: list[tuple[Segment, np.ndarray]]) -> np.ndarray:
-    """Torque over segments, filtered, trimmed and thinned [N m], (M, n)."""
-    rows = []
-    for segment, torque in series:
-        filtered = low_pass(torque, segment.motion.rate, TORQUE_CUTOFF)
-        rows.append(filtered[segment.inner][::THIN])
-    return np.vstack(rows)
-
-
-def _columns(
-    n: int, predicted: Callable[..., np.ndarray], nominal: np.ndarray
-) -> list[tuple[Term, np.ndarray]]:
-    """What all columns represent, of an arm with n joints, and how they change its torque [N m], (M, n)."""
-    joints = tuple(range(1, n + 1))
-    out = []
-    # effects on the torque of their own joint: one prediction gives the columns of all joints
-    for effect, step in STEPS.items():
-        values = {name: np.full(n, value) for name, value in step.items()}
-        change = predicted(AppliedEffect(effect, joints, values)) - nominal
-        for j in joints:
-            own = np.where(np.arange(n) == j - 1, change, 0.0)
-            out.append(((effect, j), own))
-    # one column each: encoders and the base, and all links but the last, whose mass is the payload's
-    single = (
-        *(
-            AppliedEffect("encoder_offset", (j,), {"offset": np.array([1e-4])})
-            for j in joints
-        ),
-        _on_arm("base_tilt", roll=1e-4, pitch=0.0),
-        _on_arm("base_tilt", roll=0.0, pitch=1e-4),
-        *(
-            _on_arm("link_inertia", link=float(j), mass=1e-3, com=np.zeros(3))
-            for j in joints[:-1]
-        ),
-    )
-    for applied in single:
-        # a link's column is told by its link, a joint's by its joint, the base's by 0
-        joint = int(applied.parameters.get("link", (*applied.joints, 0)[0]))
-        out.append(((applied.name, joint), predicted(applied) - nominal))
-    # a mass at the origin of the last link, and its shifts along three axes
-    coms = (np.zeros(3), *(0.1 * np.eye(3)))
-    payloads = (_on_arm("payload", mass=1e-2, com=com) for com in coms)
-    weight, *shifted = (predicted(payload) - nominal for payload in payloads)
-    moved = (weight, *(y - weight for y in shifted))
-    return out + [(("payload", 0), x) for x in moved]
-
-
-def _on_arm(name: str, **values: float | np.ndarray) -> AppliedEffect:
-    return AppliedEffect(name, (), {key: np.array(x) for key, x in values.items()})
+def _columns(at: LinearisationPoint, rows: DecimatedSegments) -> np.ndarray:
+    """Torque by theta on the rows of a segment, (M, n, P); of changed links by their masses alone."""
+    out = columns(at, rows)
+    masses = rows.thin(at.bodies.regressor()[:, :, ::10], at.bodies.segment)
+    for effect in at.terms.definitions:
+        if effect.scope == "link":
+            # the mass of the last link is the payload's
+            places = at.terms.block(effect.name)[0, :-1]
+            out[:, :, places] = masses[:, :, :-1]
+    return out
 
 
 # Plain methods; each answers with a verdict and effects in the form of ``diagnosis.json``.
@@ -343,13 +284,14 @@ MAX_ITERATIONS = 500
 
 def features(design: Design) -> np.ndarray:
     """Residual share of each effect alone, its best joint's correlation; size and concentration of the gap."""
+    effects = [effect.name for effect in explained() if not effect.fitted.nonlinear]
     # an effect without columns leaves all: its share is 1
-    residual = [residual_share(design, effect) for effect in EFFECTS]
+    residual = [residual_share(design, effect) for effect in effects]
     # of no gap, no column is a part
     length = np.linalg.norm(design.gap) or 1.0
     along = np.abs(design.columns.T @ design.gap) / length
     best = []
-    for effect in EFFECTS:
+    for effect in effects:
         places = design.places(effect)
         best.append(along[places].max() if places else 0.0)
     # sorted: the features know no joint by its number
