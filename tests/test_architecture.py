@@ -163,6 +163,15 @@ def test_imports_go_one_way_and_libraries_are_where_they_belong(module):
         assert library not in libraries or place.startswith(places)
 
 
+def test_the_generator_of_the_blind_check_imports_nothing_of_what_is_checked():
+    own = "gapscope.blind_check.generator"
+    modules = [module for module in FILES if module.startswith(own)]
+    assert len(modules) > 6
+    imported = set().union(*map(imports_of, modules))
+    ours = {name for name in imported if name.startswith("gapscope")}
+    assert all(name.startswith((own, "gapscope.arm.")) for name in ours)
+
+
 def test_no_module_imports_itself_by_way_of_others():
     waiting = {m: {n for n in imports_of(m) if n in FILES} for m in FILES}
     while waiting:

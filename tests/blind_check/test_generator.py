@@ -1,8 +1,8 @@
-"""The generator: what it may import, that its laws act, and that severity is what was asked for."""
+"""The generator: that its laws act, and that severity is what was asked for."""
 
 from __future__ import annotations
 
-import ast
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +21,11 @@ from gapscope.blind_check.generator.case import (
 )
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
 from gapscope.blind_check.generator.rigid import inverse_dynamics
-from gapscope.blind_check.generator.simulate import CaseSpec, Conditions, simulate
+from gapscope.blind_check.generator.simulate import CaseSpec, simulate
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.setup_faults import FAULTS
 
 ROOT = Path(__file__).parents[2]
-GENERATOR = sorted((ROOT / "gapscope" / "blind_check" / "generator").rglob("*.py"))
 
 
 @pytest.fixture(scope="module")
@@ -36,41 +35,14 @@ def setup() -> CaseSetup:
     return made
 
 
-@pytest.mark.parametrize(
-    "path", GENERATOR, ids=lambda path: path.relative_to(ROOT).as_posix()
-)
-def test_the_generator_imports_nothing_of_the_project_but_arm(path: Path) -> None:
-    modules = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            modules |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0
-            modules.add(node.module or "")
-    ours = {module for module in modules if module.split(".")[0] == "gapscope"}
-    allowed = ("gapscope.arm.", "gapscope.blind_check.generator")
-    assert all(module.startswith(allowed) for module in ours)
-
-
-def test_the_files_of_the_generator_are_found() -> None:
-    assert len(GENERATOR) > 6
-
-
-def test_every_effect_of_the_catalogue_has_a_law_and_every_law_of_a_fault_a_fault() -> (
-    None
-):
-    assert set(INSIDE) == set(CATALOGUE)
+def test_laws_of_effects_have_the_names_and_units_of_the_catalogue() -> None:
+    catalogued = {
+        name: {key: effect.parameter(key).unit for key in effect.needed}
+        for name, effect in CATALOGUE.items()
+    }
+    assert {name: LAWS[name].units for name in INSIDE} == catalogued
     # faults that came later are measured by experiments of their own: sealed sets are drawn from these
     assert set(SETUP) <= set(FAULTS)
-
-
-@pytest.mark.parametrize("name", INSIDE)
-def test_labels_have_the_names_and_units_of_the_catalogue(
-    name: str, setup: CaseSetup
-) -> None:
-    effect = CATALOGUE[name]
-    known = {key: effect.parameter(key).unit for key in effect.needed}
-    assert LAWS[name].units == known
 
 
 @pytest.mark.parametrize(
@@ -103,9 +75,8 @@ def test_the_inverse_dynamics_is_that_of_the_arm_by_another_library(
 
 
 def test_a_single_effect_has_the_severity_that_was_drawn() -> None:
-    label = make_case(
-        CaseSpec("single", ("torque_offset",), (5.0, 10.0), CLEAN), (8,)
-    ).label
+    spec = CaseSpec("single", ("torque_offset",), (5.0, 10.0), CLEAN)
+    label = make_case(spec, (8,)).label
     assert 5.0 <= max(label["signature"]) <= 10.0
     assert label["ratio"] >= 3.0
 
@@ -113,10 +84,8 @@ def test_a_single_effect_has_the_severity_that_was_drawn() -> None:
 def test_a_clamp_that_is_nothing_and_then_nearly_everything_gets_its_size(
     setup: CaseSetup,
 ) -> None:
-    rng = np.random.default_rng(5)
-    drawn = [
-        draw_cause(LAWS["torque_saturation"], setup, (3.0, 5.0), rng) for _ in range(4)
-    ]
+    rng, law = np.random.default_rng(5), LAWS["torque_saturation"]
+    drawn = [draw_cause(law, setup, (3.0, 5.0), rng) for _ in range(4)]
     made = [cause for cause in drawn if cause is not None]
     assert len(made) > 1
     for cause in made:
@@ -124,19 +93,13 @@ def test_a_clamp_that_is_nothing_and_then_nearly_everything_gets_its_size(
         assert ratios is not None and 3.0 <= ratios.max() <= 6.0
 
 
-def test_a_healthy_arm_is_its_own_twin() -> None:
-    label = make_case(CaseSpec("healthy", (), None, CLEAN), (9,)).label
-    assert label["ratio"] == 1.0
-    assert max(label["floor"]) < 0.1
-
-
-def test_the_same_seed_gives_the_same_recording() -> None:
+def test_a_healthy_arm_is_its_own_twin_and_the_same_for_the_same_seed() -> None:
     spec = CaseSpec("healthy", (), None, CLEAN)
-    one, two, other = (
-        make_case(spec, seed).rows[0]["tau"] for seed in ((2, 7), (2, 7), (2, 8))
-    )
-    assert (one == two).all()
-    assert one.shape != other.shape or (one != other).any()
+    one, two, other = (make_case(spec, seed) for seed in ((2, 7), (2, 7), (2, 8)))
+    assert one.label["ratio"] == 1.0
+    assert max(one.label["floor"]) < 0.1
+    np.testing.assert_array_equal(one.rows[0]["tau"], two.rows[0]["tau"])
+    assert not np.array_equal(one.rows[0]["tau"], other.rows[0]["tau"])
 
 
 def test_a_steered_arm_reads_its_encoders_one_tick_late(setup: CaseSetup) -> None:
@@ -159,21 +122,13 @@ def test_a_steered_arm_reads_its_encoders_one_tick_late(setup: CaseSetup) -> Non
 
 def test_a_plan_deals_every_kind_and_the_shares_of_the_conditions() -> None:
     specs = allocate_cases(BlindPlan(), 5)
-    assert [
-        sum(s.kind == k for s in specs)
-        for k in ("single", "pair", "triple", "outside", "healthy", "ladder")
-    ] == [
-        100,
-        60,
-        30,
-        30,
-        80,
-        60,
-    ]
+    assert Counter(s.kind for s in specs) == {
+        **{"single": 100, "pair": 60, "triple": 30},
+        **{"outside": 30, "healthy": 80, "ladder": 60},
+    }
     assert sum(s.conditions.bare for s in specs) == 120
     assert {s.laws[0] for s in specs if s.kind == "single"} == {*INSIDE, *SETUP}
     assert specs == allocate_cases(BlindPlan(), 5) != allocate_cases(BlindPlan(), 6)
-    assert all(isinstance(s.conditions, Conditions) for s in specs)
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,34 +19,22 @@ from gapscope.effects.catalogue import without
 pytestmark = [pytest.mark.slow, pytest.mark.nightly]
 
 
-def test_each_effect_is_found_with_its_own_label(solved: dict[str, Solved]) -> None:
-    assert all(
-        compare(name, case.label, case.document).top for name, case in solved.items()
-    )
-
-
-def test_permuted_labels_score_as_chance_does(solved: dict[str, Solved]) -> None:
-    names = list(solved)
-    other = names[1:] + names[:1]
-    hits = [
-        compare(n, solved[o].label, solved[n].document).exact
-        for n, o in zip(names, other, strict=True)
-    ]
-    assert sum(hits) == 0
-
-
-@pytest.fixture
-def no_ripple() -> Iterator[None]:
-    with without(["torque_ripple"]):
-        yield
+def test_effects_are_found_under_their_own_labels_and_permuted_ones_score_as_chance_does(
+    solved: dict[str, Solved],
+) -> None:
+    cases = list(solved.values())
+    assert all(compare("case", case.label, case.document).top for case in cases)
+    for case, other in zip(cases, [*cases[1:], cases[0]], strict=True):
+        assert not compare("case", other.label, case.document).exact
 
 
 def test_an_effect_that_is_no_longer_in_the_catalogue_is_called_unexplained(
-    solved: dict[str, Solved], no_ripple: None
+    solved: dict[str, Solved],
 ) -> None:
     case = solved["torque_ripple"]
     assert case.document["verdict"] == "effects_found"
-    document = diagnose(load_case(case.folder)).document
+    with without(["torque_ripple"]):
+        document = diagnose(load_case(case.folder)).document
     assert document["verdict"] == "unexplained"
     assert "torque_ripple" not in [finding["effect"] for finding in document["effects"]]
 
@@ -63,19 +50,16 @@ def test_nominal_and_real_exchanged_give_the_same_effect_with_the_other_sign(
     write_case(healthy, "case", False, tmp_path / "other", tmp_path / "other.csv")
     file = tmp_path / "other" / "case.yaml"
     content = yaml.safe_load(file.read_text())
-    content["nominal"]["coulomb"] = [
-        float(x) for x in np.array(content["nominal"]["coulomb"]) + more
-    ]
-    del content[
-        "controller"
-    ]  # the controller knows the true friction, not the one that is believed now
+    believed = np.array(content["nominal"]["coulomb"]) + more
+    content["nominal"]["coulomb"] = believed.tolist()
+    # the controller knows the true friction, not the one that is believed now
+    del content["controller"]
     file.write_text(yaml.safe_dump(content))
     other = diagnose(load_case(tmp_path / "other")).document
 
-    found = [
-        next(e for e in d["effects"] if e["effect"] == "coulomb_friction")
-        for d in (one.document, other)
-    ]
+    documents = (one.document, other)
+    effects = [{e["effect"]: e for e in each["effects"]} for each in documents]
+    found = [each["coulomb_friction"] for each in effects]
     assert found[0]["joints"] == found[1]["joints"] == entry["joints"]
     there, back = (np.array(e["parameters"]["torque"]["value"]) for e in found)
     assert (there > 0).all()
