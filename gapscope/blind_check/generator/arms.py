@@ -287,22 +287,16 @@ def _by_dh(table: tuple[list[float], ...]) -> list[ChainLink]:
     return links
 
 
-AXES = ("z", "y", "y", "x", "y", "x", "y")
-"""Axes of a drawn arm: shoulder and elbow as most arms have them, then a wrist."""
-LENGTHS = (0.25, 0.35, 0.32, 0.12, 0.12, 0.1, 0.08)
-"""Middle of its links' lengths [m]."""
-MASSES = (5.0, 6.0, 3.5, 2.0, 1.4, 1.0, 0.6)
-"""Middle of its links' masses [kg]."""
-HOME = (0.0, 0.4, 0.5, 0.0, 0.5, 0.0, 0.4)
-"""Middle posture of its motions [rad]."""
-HALF = (1.5, 0.8, 0.9, 1.4, 1.2, 1.5, 1.2)
-"""Half range of its motions [rad]."""
+_LINKS = _DATA["drawn"]
+"""Middle of a drawn arm's links."""
 
 
 def _drawn(rng: np.random.Generator, n: int) -> Arm:
     """A new arm: rods whose mass falls outwards, with a data sheet after the mass that each joint carries."""
-    lengths = np.array(LENGTHS)[:n] * rng.uniform(0.8, 1.25, n)
-    masses = np.array(MASSES)[:n] * rng.uniform(0.7, 1.5, n) * rng.uniform(0.6, 2.0)
+    lengths = np.array(_LINKS["length"])[:n] * rng.uniform(0.8, 1.25, n)
+    masses = (
+        np.array(_LINKS["mass"])[:n] * rng.uniform(0.7, 1.5, n) * rng.uniform(0.6, 2.0)
+    )
     links = []
     xyz = np.array([0.0, 0.0, 0.15])
     for j in range(n):
@@ -311,15 +305,15 @@ def _drawn(rng: np.random.Generator, n: int) -> Arm:
         way = lengths[j] * np.array(direction)
         com = 0.5 * way + rng.uniform(-0.03, 0.03, 3)
         rod = _rod(masses[j], com, way, 0.25 * lengths[j] + 0.02)
-        axis = np.array([float(name == AXES[j]) for name in "xyz"])
+        axis = np.array([float(name == _LINKS["axis"][j]) for name in "xyz"])
         links.append((xyz, np.zeros(3), axis, rod))
         xyz = way
     outer = np.array([masses[j:].sum() * lengths[j:].sum() for j in range(n)])
     inertia = 0.05 * outer * lengths + 0.01
     friction = 0.1 * outer + 0.03
     sheet = Sheet(
-        home=HOME[:n],
-        half=HALF[:n],
+        home=_LINKS["home"][:n],
+        half=_LINKS["half"][:n],
         armature=4.0 * inertia,
         coulomb=friction,
         viscous=friction,

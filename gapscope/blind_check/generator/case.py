@@ -275,7 +275,7 @@ def draw_cause(
 
     Args:
         law: its law.
-        bench: the case's arm and motions.
+        setup: the case's arm and motions.
         severity: lowest and highest ratio of its own gap to the floor, on the joint where it is widest.
         rng: source of joints and values.
     """
@@ -398,7 +398,7 @@ class MadeCase(NamedTuple):
     """A case before it is written.
 
     Attributes:
-        bench: arm, controller and motions.
+        setup: arm, controller and motions.
         plant: the true arm.
         causes: what is at work.
         rows: the recordings, the last of them the held-out one.
