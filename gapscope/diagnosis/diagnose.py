@@ -50,7 +50,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw, Turn
 from gapscope.effects.environment import tilt
 from gapscope.effects.friction import PRESLIDING_DISTANCES
-from gapscope.model.conditioning import MIN_FLOOR, Segment, condition, torque_scale
+from gapscope.model.conditioning import MIN_FLOOR, torque_scale
 from gapscope.model.design import LIKELY
 from gapscope.model.difference import Fit
 from gapscope.model.explained import (
@@ -322,14 +322,6 @@ class SheetComparison(Document):
     # What a healthy arm would leave, and what is left beyond it.
 
     @cached_property
-    def segments(self) -> list[Segment]:
-        """What gaps are measured on, at the rate of the recordings."""
-        # gaps are measured on what is set aside, if there is any
-        fitted = (r for r in self.case.recordings if r.tau is not None)
-        used = self.set_aside or fitted
-        return [segment for recording in used for segment in condition(recording)]
-
-    @cached_property
     def unknown(self) -> Unknown:
         """What is left and comes again with the motion, beside likely errors of a healthy arm.
 
@@ -469,7 +461,9 @@ class SheetComparison(Document):
         # of another arm than the nominal one no size is known
         another = self.prepared.another_arm
         out["expected"] = [] if another else nameable(self.difference)
-        sides = find_sides(self.nominal, self.corrected, self.body, self.segments)
+        sides = find_sides(
+            self.nominal, self.corrected, self.body, self.judged_on.segments
+        )
         if sides is not None:
             out["sides"] = sides
         if self.told is not None:

@@ -60,7 +60,6 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
 from gapscope.ident.model.physical_parameters import nearest_possible, urdf_text
 from gapscope.ident.model.regressor import Regressor
-from gapscope.model.conditioning import Segment
 from gapscope.model.design import BODIES, FreeArm, design, fitted_arm, moved, untaken
 from gapscope.model.difference import Search, takeable
 from gapscope.model.equations import Equations, learn
@@ -639,31 +638,6 @@ class ReferenceComparison(Document):
         return self.prepared.states.effects(self.terms, theta, without)
 
     @property
-    def body(self) -> RigidBody:
-        """Dynamics of the arm of the reference, which only predicts."""
-        return self.free.bodies
-
-    @property
-    def nominal(self) -> CorrectedArm:
-        """The arm of the reference, which only predicts."""
-        return self._predicting(())
-
-    @property
-    def corrected(self) -> CorrectedArm:
-        """The same with what is named."""
-        return self._predicting(self.named)
-
-    @cached_property
-    def segments(self) -> list[Segment]:
-        """Those of the case that are predicted from first to last row."""
-        rows, known = self.rows, self.explained.rows
-        return [
-            segment
-            for k, segment in enumerate(rows.segments)
-            if rows.group_of[k] == CASE and known[rows.segment == k].all()
-        ]
-
-    @property
     def declared(self) -> NominalArm:
         """The nominal arm as it was declared."""
         return self.vendor
@@ -672,10 +646,6 @@ class ReferenceComparison(Document):
     def compared_with(self) -> NominalArm:
         """The possible arm that was identified."""
         return self.possible_arm.arm
-
-    def _predicting(self, names: Sequence[str]) -> CorrectedArm:
-        theta = self._theta(self.of(names), self.free.theta)
-        return self.free.corrected(self.terms, self.terms.clipped(theta))
 
     def sheet(self, day: int | None = None) -> dict[str, np.ndarray]:
         """Armature, Coulomb and viscous friction that were identified, or on the day of a group, (n,) each."""

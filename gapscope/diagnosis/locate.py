@@ -26,7 +26,8 @@ from gapscope.diagnosis.thresholds import (
     RULE_BLOCK,
     RULE_CONDITIONS,
 )
-from gapscope.model.conditioning import TORQUE_CUTOFF, Segment
+from gapscope.model.conditioning import TORQUE_CUTOFF
+from gapscope.model.rows import PER_CUTOFF, DecimatedSegments
 
 # A region of the motion that holds more of a gap than its size explains.
 
@@ -74,15 +75,15 @@ class Region:
 
 @dataclass(frozen=True)
 class MotionRows:
-    """Trimmed samples of several segments, stacked, M rows of n joints.
+    """Rows of several segments, stacked, M rows of n joints.
 
     Attributes:
-        t: time since the start of its recording [s], (M,).
+        t: time since the first row of its segment [s], (M,).
         q, dq, ddq: motion [rad], [rad/s], [rad/s^2], (M, n).
         segment: index of the segment of each row, (M,).
-        rates: sampling rate of each segment [Hz].
+        rates: rows a second of each segment [Hz].
         names: recording that each segment is a part of; empty if that is not known.
-        starts: time at which each segment begins in its recording [s]; empty if all begin at 0.
+        starts: time of the first row of each segment in its recording [s]; empty if all begin at 0.
     """
 
     t: np.ndarray
@@ -103,20 +104,38 @@ class MotionRows:
         """What the recording of a segment is called."""
         return self.names[segment] if self.names else f"recording {segment + 1}"
 
+    @property
+    def edges(self) -> tuple[int, ...]:
+        """Row at which each segment begins, and the end."""
+        changes = np.diff(self.segment, prepend=-1, append=-1)
+        return tuple(np.flatnonzero(changes).tolist())
 
-def stack(segments: list[Segment]) -> MotionRows:
-    """Stack the trimmed samples of segments, in the order in which ``torque_gap`` stacks them."""
-    parts = [(s.motion, s.inner) for s in segments]
-    lengths = [len(m.t[i]) for m, i in parts]
+
+def stacked(
+    rows: DecimatedSegments, mine: np.ndarray | slice = slice(None)
+) -> MotionRows:
+    """Rows of segments, or some of them: a mask."""
+    counts = [len(rows.time(s)) for s in rows.segments]
+    # a part of all segments may be looked at: these are counted from 0 again
+    every = np.repeat(np.arange(len(counts)), counts)[mine]
+    numbers, segment = np.unique(every, return_inverse=True)
+    own = [rows.segments[k] for k in numbers]
+    motions = [(s.motion, rows.taken(s)) for s in rows.segments]
+    t, q, dq = (
+        np.concatenate([getattr(m, name)[taken] for m, taken in motions])[mine]
+        for name in ("t", "q", "dq")
+    )
+    first = np.array([t[segment == k][0] for k in range(len(own))])
     return MotionRows(
-        t=np.concatenate([m.t[i] - m.t[0] for m, i in parts]),
-        q=np.vstack([m.q[i] for m, i in parts]),
-        dq=np.vstack([m.dq[i] for m, i in parts]),
-        ddq=np.vstack([m.ddq[i] for m, i in parts]),
-        segment=np.repeat(np.arange(len(parts)), lengths),
-        rates=tuple(m.rate for m, _ in parts),
-        names=tuple(s.recording for s in segments),
-        starts=tuple(float(m.t[0]) for m, _ in parts),
+        t=t - first[segment],
+        q=q,
+        dq=dq,
+        # in the band of the gap, as torque follows it
+        ddq=rows.rows(s.motion.ddq for s in rows.segments)[mine],
+        segment=segment,
+        rates=tuple(s.motion.rate / rows.step(s) for s in own),
+        names=tuple(s.recording for s in own),
+        starts=tuple(first.tolist()),
     )
 
 
@@ -238,7 +257,9 @@ def rule(
     cuts = _worthwhile(leaf, x[~learnt], above[~learnt], joint)
     inside = meeting(cuts, x[~learnt])
     there = _rule_region(cuts, inside, above[~learnt], joint)
-    if not there.stands_out or there.share <= _by_chance(inside, above[~learnt]):
+    # shifted by less, gap and motion still go together
+    near = int(RULE_BLOCK * min(rows.rates) / step)
+    if not there.stands_out or there.share <= _by_chance(inside, above[~learnt], near):
         return None
     # which rule holds is told by the test rows, how much it holds by all
     return _rule_region(cuts, meeting(cuts, every), error**2, joint)
@@ -287,13 +308,11 @@ def _rule_region(
     return Region(joint, "rule", words, share, float(inside.mean()), detail)
 
 
-def _by_chance(inside: np.ndarray, y: np.ndarray) -> float:
-    """Share that a rule would seldom reach if the gap were elsewhere in time: over all circular shifts.
+def _by_chance(inside: np.ndarray, y: np.ndarray, near: int) -> float:
+    """Share that a rule would seldom reach if the gap were elsewhere in time: over circular shifts by ``near`` or more.
 
     A shift keeps gap and motion as they are in themselves, and breaks the relation between them.
     """
-    # shifted by less, gap and motion still go together
-    near = int(RULE_BLOCK * 2 * TORQUE_CUTOFF)
     if len(y) <= 4 * near:
         return 1.0
     # correlation theorem: sum of y over the mask, for every circular shift of y at once
@@ -522,7 +541,9 @@ def levels(error: np.ndarray, rows: MotionRows, floor: float) -> list[GapLevels]
     The log of the mean square of noise in a band B over a window T deviates by 1 / sqrt(B T).
     """
     names = np.array([rows.recording(k) for k in range(len(rows.rates))])
-    deviation = (TORQUE_CUTOFF * LEVEL_WINDOW) ** -0.5
+    # rows of slow motions hold less than the band of the gap
+    band = min(TORQUE_CUTOFF, min(rows.rates) / PER_CUTOFF)
+    deviation = (band * LEVEL_WINDOW) ** -0.5
     out = []
     for name in dict.fromkeys(names.tolist()):
         inside = (names == name)[rows.segment]

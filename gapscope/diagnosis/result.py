@@ -18,7 +18,7 @@ from gapscope.effects.applied import AppliedEffect, State
 
 @dataclass(frozen=True)
 class Trace:
-    """Torque of one recording over time, filtered and trimmed as the gap is; n joints.
+    """Torque of one recording over time, on the rows of the gap; n joints.
 
     Attributes:
         recording: name of the recording.

@@ -402,11 +402,16 @@ def condition(recording: Recording, cutoff: float | None = None) -> list[Segment
     return [_segment(recording, span, cutoffs) for span in spans]
 
 
+def every_so_many(rate: float, least: float) -> int:
+    """Every how many samples are kept of a rate [Hz] that is decimated to no less than another."""
+    # the small number keeps a step that rounding would drop
+    return max(1, int(rate / least + 1e-6))
+
+
 def thinned(segment: Segment, rate: float) -> Segment:
     """A segment decimated to no less than ``rate`` [Hz], its torques low-passed before."""
     own = segment.motion.rate
-    # the small number keeps a step that rounding would drop
-    step = max(1, int(own / rate + 1e-6))
+    step = every_so_many(own, rate)
     filtered: dict[str, Any] = {
         name: _anti_aliased(getattr(segment, name), own, step)
         for name in ("torque", "torque_sensor", "temperature")
@@ -439,7 +444,7 @@ def _segment(recording: Recording, span: slice, cutoffs: np.ndarray) -> Segment:
     """One piece of a recording without gaps: filtered, decimated and differentiated."""
     rate = recording.rate
     t, q = uniform(recording.t[span], recording.q[span], rate)
-    step = max(1, int(rate / WORKING_RATE + 1e-6))
+    step = every_so_many(rate, WORKING_RATE)
     grid = t[::step]
     # quintic: the second derivative is then a smooth cubic spline
     smooth = np.empty_like(q)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,12 +18,10 @@ class TorqueGap:
 
     Attributes:
         measured, predicted: torque [N m], shape (M, n).
-        edges: row at which each segment begins, and the end.
     """
 
     measured: np.ndarray
     predicted: np.ndarray
-    edges: tuple[int, ...]
 
     @property
     def error(self) -> np.ndarray:
@@ -69,8 +66,7 @@ def torque_gap(
         gap = low_pass(gap, rate, TORQUE_CUTOFF)[inner] * ~segment.unknown[inner]
         # as if it had been measured: the prediction plus what is left of the gap
         measured.append(prediction_rows + gap)
-    edges = (0, *itertools.accumulate(len(rows) for rows in measured))
-    return TorqueGap(np.vstack(measured), np.vstack(predicted), edges)
+    return TorqueGap(np.vstack(measured), np.vstack(predicted))
 
 
 def gap_on_rows(
@@ -85,9 +81,3 @@ def gap_on_rows(
         delivered = corrected.delivered(segment.torque, segment.motion)
         gaps.append(segment.bridged(delivered - predicted))
     return rows.rows(gaps)
-
-
-def filtered_torque(segment: Segment) -> np.ndarray:
-    """Recorded torque of a segment as the gap sees it: filtered at 12 Hz and trimmed [N m], (M, n)."""
-    assert segment.torque is not None
-    return low_pass(segment.torque, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]

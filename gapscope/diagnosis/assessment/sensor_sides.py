@@ -9,7 +9,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.assessment.unknown import unknown
-from gapscope.diagnosis.locate import stack
+from gapscope.diagnosis.locate import stacked
 from gapscope.diagnosis.thresholds import (
     SENSOR_LAG,
     SENSOR_SCALE,
@@ -22,11 +22,11 @@ from gapscope.model.conditioning import (
     MIN_FLOOR,
     TORQUE_CUTOFF,
     Segment,
-    low_pass,
     torque_scale,
 )
 from gapscope.model.effective_samples import variance_inflation
-from gapscope.model.torque_gap import TorqueGap, filtered_torque
+from gapscope.model.rows import DecimatedSegments
+from gapscope.model.torque_gap import TorqueGap
 
 # A sensor behind the gear reads what reaches the link,
 #
@@ -90,33 +90,34 @@ def find_sides(
     sensed = [s for s in segments if s.torque_sensor is not None]
     if not sensed:
         return None
-    scale = torque_scale(np.vstack([filtered_torque(s) for s in sensed]))
+    rows = DecimatedSegments(sensed, TORQUE_CUTOFF)
+    moved = stacked(rows)
+    scale = torque_scale(rows.rows(s.recorded_torque for s in sensed))
     spread = SENSOR_ZERO * scale
     links = [link_torque(corrected, s.bodies(body), s.motion) for s in sensed]
     every = [
         sensor_errors(link, s.motion.t, spread)
         for s, link in zip(sensed, links, strict=True)
     ]
-    errors = _fitted_errors(sensed, links, every)
+    left = [s.torque_sensor - link for s, link in zip(sensed, links, strict=True)]
+    errors = _fitted_errors(rows.rows(every), rows.rows(left), moved.segment)
     readings = [
         s.torque_sensor - np.einsum("tjk,jk->tj", x, errors)
         for s, x in zip(sensed, every, strict=True)
     ]
-    before, after = (
-        _side_gaps(arm, body, sensed, readings) for arm in (nominal, corrected)
-    )
+    both = [_side_gaps(arm, body, rows, readings) for arm in (nominal, corrected)]
     sides, above, n = {}, [], len(scale)
     # columns of the gap: all joints on the actuator's side, then on the link's
-    for side, own in (("actuator", slice(0, n)), ("link", slice(n, None))):
-        gap = TorqueGap(after.measured[:, own], after.predicted[:, own], after.edges)
+    for name, own in (("actuator", slice(0, n)), ("link", slice(n, None))):
+        before, gap = (TorqueGap(*side[:, :, own]) for side in both)
         trust, noise2 = np.ones_like(gap.error), np.zeros_like(scale)
-        found = unknown(gap, stack(sensed), trust, scale, noise2)
+        found = unknown(gap, moved, trust, scale, noise2)
         # what follows the motion has a cause; the rest is the floor
         floor2 = np.maximum(gap.rmse**2 - found.follows2, MIN_FLOOR**2) / scale**2
-        given = before.rmse[own] / scale
+        given = before.rmse / scale
         # above the floor by what is worth a search
         above.append(given**2 > floor2 + UNKNOWN_TORQUE**2)
-        sides[side] = {
+        sides[name] = {
             "before": {
                 "torque_nrmse": given,
                 "floor": np.sqrt(floor2),
@@ -143,27 +144,14 @@ def find_sides(
     }
 
 
-def _fitted_errors(
-    segments: list[Segment], links: list[np.ndarray], errors: list[np.ndarray]
-) -> np.ndarray:
+def _fitted_errors(x: np.ndarray, gap: np.ndarray, segment: np.ndarray) -> np.ndarray:
     """Zero, scale and lag of each sensor over their spread, (n, 3), by what an arm leaves of the link side.
 
     Args:
-        segments: with sensors.
-        links: link torque that the arm predicts on each [N m], (N, n).
-        errors: derivatives of the readings there, (N, n, 3).
+        x: derivatives of the readings, (M, n, 3).
+        gap: what they differ by from the link torque that the arm predicts [N m], (M, n).
+        segment: number of the segment of each row, (M,).
     """
-    columns, gaps = [], []
-    for s, link, x in zip(segments, links, errors, strict=True):
-        # more rows than twice the band hold nothing new
-        rate = s.motion.rate
-        step = max(1, int(rate / (2 * TORQUE_CUTOFF)))
-        kept = slice(s.inner.start, s.inner.stop, step)
-        assert s.torque_sensor is not None
-        columns.append(low_pass(x, rate, TORQUE_CUTOFF)[kept])
-        gaps.append(low_pass(s.torque_sensor - link, rate, TORQUE_CUTOFF)[kept])
-    x, gap = np.concatenate(columns), np.vstack(gaps)
-    segment = np.repeat(np.arange(len(gaps)), [len(g) for g in gaps])
     gram, right = np.einsum("tja,tjb->jab", x, x), np.einsum("tja,tj->ja", x, gap)
     noise2 = (gap**2).mean(axis=0)
     # rows count as the noise that is left about what they tell
@@ -180,27 +168,24 @@ def _fitted_errors(
 def _side_gaps(
     arm: CorrectedArm,
     body: RigidBody,
-    segments: list[Segment],
+    rows: DecimatedSegments,
     readings: list[np.ndarray],
-) -> TorqueGap:
-    """Gap of the segments with sensors, actuator side of each joint, then link side, (M, 2 n).
+) -> np.ndarray:
+    """Torque recorded and predicted [N m], actuator side of each joint, then link side, (2, M, 2 n).
 
     Args:
         arm: that predicts.
         body: dynamics of the nominal arm.
-        segments: with sensors.
+        rows: of segments with sensors.
         readings: what the sensors read without their own errors [N m], (N, n) each.
     """
-    measured, predicted, edges = [], [], [0]
-    for s, sensor in zip(segments, readings, strict=True):
-        assert s.torque is not None
+    measured, predicted = [], []
+    for s, sensor in zip(rows.segments, readings, strict=True):
         # Recorded torque less sensor is what rotor and friction took; the sensor is what the link needed.
         laden = s.bodies(body)
         link = link_torque(arm, laden, s.motion)
         needed = arm.unlimited.predict(laden, s.motion)
-        recorded = np.hstack([arm.delivered(s.torque, s.motion) - sensor, sensor])
-        expected = np.hstack([needed - link, link])
-        measured.append(low_pass(recorded, s.motion.rate, TORQUE_CUTOFF)[s.inner])
-        predicted.append(low_pass(expected, s.motion.rate, TORQUE_CUTOFF)[s.inner])
-        edges.append(edges[-1] + len(measured[-1]))
-    return TorqueGap(np.vstack(measured), np.vstack(predicted), tuple(edges))
+        delivered = arm.delivered(s.recorded_torque, s.motion)
+        measured.append(np.hstack([delivered - sensor, sensor]))
+        predicted.append(np.hstack([needed - link, link]))
+    return np.stack([rows.rows(measured), rows.rows(predicted)])

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.arm.recording import Recording
@@ -41,18 +40,17 @@ from gapscope.diagnosis.document.wording import Verdict, with_slide_units
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_data import short_note, still_note
 from gapscope.diagnosis.gap.repeatability import repeatability
-from gapscope.diagnosis.locate import MotionRows, regions, stack
+from gapscope.diagnosis.locate import MotionRows, regions, stacked
 from gapscope.diagnosis.locate import located as regions_of
 from gapscope.diagnosis.prepare import Progress, silent
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
 from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE, UNKNOWN_TORQUE
 from gapscope.effects.applied import AppliedEffect, State
-from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
 from gapscope.model.changes import Change, change_findings
-from gapscope.model.conditioning import TORQUE_CUTOFF, Segment
-from gapscope.model.torque_gap import TorqueGap, torque_gap
+from gapscope.model.conditioning import TORQUE_CUTOFF, WORKING_RATE, every_so_many
+from gapscope.model.torque_gap import TorqueGap
 
 
 def recording_entry(recording: Recording, role: str) -> dict[str, Any]:
@@ -88,26 +86,6 @@ class Document(Comparison):
     def compared_with(self) -> NominalArm:
         """The arm that the case is compared with, with its data sheet."""
         return self.prepared.case.arm
-
-    @property
-    def body(self) -> RigidBody:
-        """Dynamics of the nominal arm."""
-        raise NotImplementedError
-
-    @property
-    def nominal(self) -> CorrectedArm:
-        """The arm that the case is compared with, as it predicts."""
-        raise NotImplementedError
-
-    @property
-    def corrected(self) -> CorrectedArm:
-        """The same with what is named."""
-        raise NotImplementedError
-
-    @property
-    def segments(self) -> list[Segment]:
-        """What gaps are measured on, at the rate of the recordings."""
-        raise NotImplementedError
 
     @property
     def unknown_joints(self) -> list[int]:
@@ -165,42 +143,18 @@ class Document(Comparison):
     @cached_property
     def motion_rows(self) -> MotionRows:
         """The rows on which the gap is measured, as what locates a gap takes them."""
-        rows, mine = self.judged_on, self.explained.rows
-        # rows hold no accelerations of their own
-        ddq = np.concatenate([rows.thin(s.motion.ddq, s) for s in rows.segments])
-        # a part of all segments may be looked at: these are counted from 0 again
-        numbers_of, segment = np.unique(rows.segment[mine], return_inverse=True)
-        own = [rows.segments[k] for k in numbers_of]
-        first = [rows.t[mine][segment == k][0] for k in range(len(own))]
-        return MotionRows(
-            t=rows.t[mine] - np.array(first)[segment],
-            q=rows.position[mine],
-            dq=rows.velocity[mine],
-            ddq=ddq[mine],
-            segment=segment,
-            # of the rows, which are thinned
-            rates=tuple(s.motion.rate / rows.step(s) for s in own),
-            names=tuple(s.recording for s in own),
-            starts=tuple(float(t) for t in first),
-        )
+        return stacked(self.judged_on, self.explained.rows)
 
     def gap(self, error: np.ndarray) -> TorqueGap:
         """A gap on the rows that are judged, (M, n), as that of an arm."""
-        rows, mine = self.judged_on, self.explained.rows
-        measured = rows.torque[mine]
-        # a change of segment is an edge: spectra do not run across it
-        starts = np.flatnonzero(np.diff(rows.segment[mine])) + 1
-        edges = (0, *starts.tolist(), len(measured))
-        return TorqueGap(measured, measured - error, edges)
+        measured = self.judged_on.torque[self.explained.rows]
+        return TorqueGap(measured, measured - error)
 
     @cached_property
     def gaps(self) -> dict[str, TorqueGap]:
-        """Gap before and after at the rate of the recordings, with the values fitted to all."""
-        arms = {"before": self.nominal, "after": self.corrected}
-        return {
-            stage: torque_gap(arm, self.body, self.segments)
-            for stage, arm in arms.items()
-        }
+        """Gap before and after what is named, each motion predicted from all others."""
+        known = self.explained
+        return {"before": self.gap(known.before), "after": self.gap(known.after)}
 
     @cached_property
     def stages(self) -> GapStages:
@@ -302,7 +256,7 @@ class Document(Comparison):
         progress("replays a recording in the simulator")
         content = self.content()
         progress("writes the findings")
-        corrected, body, segments = self.corrected, self.body, self.segments
+        gaps, rows = self.gaps, self.motion_rows
 
         def effects(names: tuple[str, ...], section: str) -> tuple[AppliedEffect, ...]:
             # faults of the set-up are among the findings, too, but are no part of the corrected arm
@@ -310,15 +264,14 @@ class Document(Comparison):
             every = map(self.change, names)
             return tuple(sorted(every, key=lambda effect: order.index(effect.name)))
 
-        named = effects(self.named, "effects")
+        named = [(self.change(name), self._own_torque(name)) for name in self.named]
         return Diagnosis(
             document=content,
-            effects=named,
-            traces=traces(self.gaps, segments),
-            # effects of a reference are no changes: not drawn
-            signatures=signatures(corrected, body, segments, {e.name for e in named}),
-            spectrum=spectrum(self.gaps["before"], self.gaps["after"], segments),
-            located=located(content, self.gaps, self.floor, segments),
+            effects=effects(self.named, "effects"),
+            traces=traces(gaps, rows),
+            signatures=signatures(named, gaps["after"], rows, self.declared.sliding),
+            spectrum=spectrum(gaps, rows),
+            located=located(content, gaps, self.floor, rows),
             possible=effects(self.possible, "possible"),
             presliding=tuple(self.presliding.tolist()),
             faults=self.prepared.faults,
@@ -364,12 +317,12 @@ class Document(Comparison):
 
     def _gap(self) -> dict[str, Any]:
         """The gap before and after, torque and replay, and what the arm's own repeats differ by."""
-        gap, replay, known = self.stages, self.replayed, self.explained
-        after = self.gap(known.after)
-        found = repeatability(after, self.motion_rows.rates, self.floor)
+        gap, replay, rows = self.stages, self.replayed, self.motion_rows
+        after = self.gaps["after"]
+        found = repeatability(after, rows.edges, rows.rates, self.floor)
         repeated = None
         if found is not None:
-            nrmse = found.rms / known.scale
+            nrmse = found.rms / self.explained.scale
             repeated = {
                 "torque_nrmse": nrmse,
                 "seconds": found.seconds,
@@ -398,14 +351,7 @@ class Document(Comparison):
     def _finding(self, name: str) -> dict[str, Any]:
         """Evidence, values, gaps and places of a finding."""
         known, replay = self.explained, self.replayed
-        mine, applied = self.findings[name], self.change(name)
-        # of one that is not named, as it was fitted to all
-        own = np.asarray(
-            sum(
-                known.torque[one] if one in known.torque else self.torque_of(one)
-                for one in mine
-            )
-        )
+        applied, own = self.change(name), self._own_torque(name)
         # the gap after holds what is named: it is put back to see the gap without it
         in_model = name in self.named
         only = known.before - own
@@ -423,8 +369,7 @@ class Document(Comparison):
         # an effect without joints is shown where it closes most
         most = np.argsort(-(closed**2).sum(axis=0))[:2] + 1
         joints = list(applied.joints) or most.tolist()
-        # the arm that it is compared with predicts the recorded torque less the gap before
-        load = self.judged_on.torque[known.rows] - known.before
+        load = self.gaps["before"].predicted
         # one region for each joint: where this finding acts most
         places = regions(closed, self.motion_rows, load, joints, most=1)
         gaps = {
@@ -457,6 +402,16 @@ class Document(Comparison):
             **gravity_entry(applied, self.prepared.case.arm),
             **at_middle_entry(applied, self.motion_rows.q),
         }
+
+    def _own_torque(self, name: str) -> np.ndarray:
+        """What a finding does to the torque [N m], (M, n); of one that is not named, as it was fitted to all."""
+        torque = self.explained.torque
+        return np.asarray(
+            sum(
+                torque[one] if one in torque else self.torque_of(one)
+                for one in self.findings[name]
+            )
+        )
 
     def _significance(self, name: str) -> dict[str, Any]:
         """Evidence for a finding, and the share of false ones among those as sure."""
@@ -492,9 +447,8 @@ class Document(Comparison):
 
     def _where(self, stage: str, joints: list[int]) -> list[dict[str, Any]]:
         """Regions in which the gap ``before`` or ``after`` the findings is concentrated."""
-        # at the rate of the recordings, not on the thinned rows of the search
         error, load = self.gaps[stage].error, self.gaps["before"].predicted
-        places = regions_of(error, stack(self.segments), load, self.floor, joints)
+        places = regions_of(error, self.motion_rows, load, self.floor, joints)
         return [region_entry(region) for region in places]
 
     def _widest_first(self) -> list[int]:
@@ -509,6 +463,8 @@ class Document(Comparison):
         # the warning is how a case says that its torque was worked out
         prepared, case, arm = self.prepared, self.prepared.case, self.compared_with
         inferred = prepared.told is not None or WARNING in case.warnings
+        every = (*case.recordings, *case.judged)
+        (rate, *_) = (r.rate for r in every if r.name == self.motion_rows.names[0])
         judged_on = f"each motion, with the values fitted to {self.fitted_to}all others"
         if self.set_aside:
             judged_on = "recordings set aside for judging"
@@ -531,7 +487,7 @@ class Document(Comparison):
                 *(recording_entry(r, "judge") for r in case.judged),
             ],
             "conditioning": {
-                "rate": self.segments[0].motion.rate,
+                "rate": rate / every_so_many(rate, WORKING_RATE),
                 "position_cutoff": prepared.position_cutoff,
                 "torque_cutoff": TORQUE_CUTOFF,
                 "how": "zero-phase Butterworth, order 4, on both sides; positions cut where their spectrum meets its "

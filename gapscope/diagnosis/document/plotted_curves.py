@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.joint_units import joint_unit
 from gapscope.diagnosis.document.wording import worst_joint
-from gapscope.diagnosis.locate import FREQUENCIES, MotionRows, densities, locate, stack
+from gapscope.diagnosis.locate import FREQUENCIES, MotionRows, densities, locate
 from gapscope.diagnosis.result import Located, Signature, Spectrum, Trace
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Transmission
-from gapscope.model.conditioning import MIN_FLOOR, Segment
-from gapscope.model.torque_gap import TorqueGap, torque_gap
+from gapscope.model.conditioning import MIN_FLOOR
+from gapscope.model.torque_gap import TorqueGap
 
 MAX_POINTS = 1500
 """Most points of a curve."""
@@ -27,7 +26,7 @@ def located(
     document: Mapping[str, Any],
     gaps: Mapping[str, TorqueGap],
     floor: np.ndarray,
-    segments: list[Segment],
+    rows: MotionRows,
 ) -> tuple[Located, ...]:
     """Where the gap of the worst joint lies.
 
@@ -35,7 +34,7 @@ def located(
         document: of the diagnosis.
         gaps: ``before`` and ``after`` the effects found; after is shown if it stays above the floor.
         floor: RMS that a healthy arm leaves [N m], (n,).
-        segments: the rows of the gaps.
+        rows: motion of the rows of the gaps.
     """
     stages = []
     # without effects the gap before is that after
@@ -43,7 +42,7 @@ def located(
         stages.append("before")
     if document["unexplained"]["above_floor"]:
         stages.append("after")
-    rows, load = stack(segments), gaps["before"].predicted
+    load = gaps["before"].predicted
     out = []
     for stage in stages:
         worst = worst_joint(document, stage)
@@ -53,19 +52,17 @@ def located(
     return tuple(out)
 
 
-def traces(gaps: Mapping[str, TorqueGap], segments: list[Segment]) -> tuple[Trace, ...]:
+def traces(gaps: Mapping[str, TorqueGap], rows: MotionRows) -> tuple[Trace, ...]:
     """Measured, nominal and corrected torque of each segment."""
     before, after = gaps["before"], gaps["after"]
     out = []
-    for segment, (start, end) in zip(segments, pairwise(before.edges), strict=True):
-        # every so many-th row: the band of the gap allows that
+    for name, (start, end) in zip(rows.names, pairwise(rows.edges), strict=True):
         shown = slice(start, end, max(1, (end - start) // MAX_POINTS))
-        own = slice(None, None, shown.step)
         out.append(
             Trace(
-                recording=segment.recording,
-                t=segment.motion.t[segment.inner][own],
-                q=segment.motion.q[segment.inner][own],
+                recording=name,
+                t=rows.clock[shown],
+                q=rows.q[shown],
                 measured=before.measured[shown],
                 nominal=before.predicted[shown],
                 corrected=after.predicted[shown],
@@ -74,41 +71,40 @@ def traces(gaps: Mapping[str, TorqueGap], segments: list[Segment]) -> tuple[Trac
     return tuple(out)
 
 
-def spectrum(before: TorqueGap, after: TorqueGap, segments: list[Segment]) -> Spectrum:
+def spectrum(gaps: Mapping[str, TorqueGap], rows: MotionRows) -> Spectrum:
     """Amplitude spectrum of the gap in its band, mean power over the segments."""
-    rows = stack(segments)
-    powers = (densities(gap.error, gap.error, rows).real for gap in (before, after))
-    return Spectrum(FREQUENCIES, *(np.sqrt(power) for power in powers))
+    powers = (densities(gap.error, gap.error, rows).real for gap in gaps.values())
+    return Spectrum(FREQUENCIES, *map(np.sqrt, powers))
 
 
 def signatures(
-    corrected: CorrectedArm,
-    body: RigidBody,
-    segments: list[Segment],
-    shown: Collection[str],
+    named: Iterable[tuple[AppliedEffect, np.ndarray]],
+    after: TorqueGap,
+    rows: MotionRows,
+    sliding: Sequence[bool],
 ) -> tuple[Signature, ...]:
-    """For each effect shown, on up to seven joints, the gap without it over the quantity that drives it."""
-    full = torque_gap(corrected, body, segments)
-    rows = stack(segments)
+    """For each effect, on up to seven joints, the gap without it over the quantity that drives it.
+
+    Args:
+        named: effects, with what each does to the torque [N m], (M, n).
+        after: the gap with all of them.
+        rows: motion of its rows.
+        sliding: which joints slide, (n,).
+    """
     step = max(1, len(rows.t) // MAX_POINTS)
     out = []
-    for applied in corrected.effects:
-        if applied.name not in shown:
-            continue
-        others = tuple(e for e in corrected.effects if e is not applied)
+    for applied, explained in named:
         # with all others in place: what overlaps is theirs
-        without = torque_gap(CorrectedArm(corrected.arm, others), body, segments)
-        explained = full.predicted - without.predicted
+        without = replace(after, predicted=after.predicted - explained)
         for joint in _joints(applied, explained, without):
             j = joint - 1
             axis, unit, x = _axis(applied.effect, rows, without, explained, j)
-            unit = joint_unit(unit, corrected.arm.sliding[j])
             out.append(
                 Signature(
                     effect=applied.name,
                     joint=joint,
                     axis=axis,
-                    unit=unit,
+                    unit=joint_unit(unit, sliding[j]),
                     x=x[::step],
                     gap=without.error[::step, j],
                     explained=explained[::step, j],
@@ -143,7 +139,7 @@ def _axis(
         case "acceleration":
             return "acceleration", "rad/s²", rows.ddq[:, j]
         case "time":
-            return "time", "s", rows.t
+            return "time", "s", rows.clock
         case "recorded torque":
             return "recorded torque", "N m", gap.measured[:, j]
         case "directed load":

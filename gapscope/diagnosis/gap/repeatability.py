@@ -32,16 +32,17 @@ class Repeatability:
 
 
 def repeatability(
-    gap: TorqueGap, rates: Sequence[float], floor: np.ndarray
+    gap: TorqueGap, edges: Sequence[int], rates: Sequence[float], floor: np.ndarray
 ) -> Repeatability | None:
     """What does not repeat of a gap; ``None`` if no motion was made twice.
 
     Args:
         gap: of the arm that predicts best.
-        rates: of its segments [Hz].
+        edges: row at which each of its segments begins, and the end.
+        rates: of the segments [Hz].
         floor: RMS that a healthy arm leaves [N m], (n,).
     """
-    edges, scale = gap.edges, torque_scale(gap.measured)
+    scale = torque_scale(gap.measured)
     squares, rows, seconds = np.zeros(len(scale)), 0, 0.0
     # each segment with itself as well: a motion may come twice in one
     for a, b in combinations_with_replacement(range(len(edges) - 1), 2):

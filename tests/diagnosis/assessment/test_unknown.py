@@ -67,7 +67,7 @@ def of_gap(
     white2: np.ndarray | float = 0.0,
 ) -> Unknown:
     """Of a gap beside a load, all of whose rows are known."""
-    gap, n = TorqueGap(load + error, load, (0, len(load))), load.shape[1]
+    gap, n = TorqueGap(load + error, load), load.shape[1]
     noise = np.broadcast_to(white2, n)
     return unknown(gap, at, np.ones_like(load), np.full(n, SCALE), noise)
 
@@ -176,7 +176,7 @@ def test_rows_on_which_a_joint_may_stick_say_nothing() -> None:
     load = 20.0 * np.cos(at.q[:, :3])
     error = 1e-3 * np.random.default_rng(1).standard_normal(load.shape)
     error[sticks, 0] = 0.1 * SCALE * np.sign(at.dq[sticks, 0])
-    gap, scale = TorqueGap(load + error, load, (0, len(load))), np.full(3, SCALE)
+    gap, scale = TorqueGap(load + error, load), np.full(3, SCALE)
     trust = np.ones_like(load)
     noise2 = np.zeros(3)
     assert unknown(gap, at, trust, scale, noise2).joints == [1]
