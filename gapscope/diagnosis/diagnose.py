@@ -461,9 +461,9 @@ class SheetComparison(Document):
         # of another arm than the nominal one no size is known
         another = self.prepared.another_arm
         out["expected"] = [] if another else nameable(self.difference)
-        sides = find_sides(
-            self.nominal, self.corrected, self.body, self.judged_on.segments
-        )
+        fitted = [r for r in self.case.recordings if r.tau is not None]
+        used = self.set_aside or fitted
+        sides = find_sides(self.nominal, self.corrected, self.body, used)
         if sides is not None:
             out["sides"] = sides
         if self.told is not None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
+from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.unknown import unknown
 from gapscope.diagnosis.locate import stacked
 from gapscope.diagnosis.thresholds import (
@@ -21,7 +23,7 @@ from gapscope.effects.effect import Signals, TorqueLaw
 from gapscope.model.conditioning import (
     MIN_FLOOR,
     TORQUE_CUTOFF,
-    Segment,
+    condition,
     torque_scale,
 )
 from gapscope.model.effective_samples import variance_inflation
@@ -74,9 +76,9 @@ def find_sides(
     nominal: CorrectedArm,
     corrected: CorrectedArm,
     body: RigidBody,
-    segments: list[Segment],
+    recordings: Sequence[Recording],
 ) -> dict[str, Any] | None:
-    """``sides`` of ``diagnosis.json``: the gap on both sides; ``None`` if no segment has sensors.
+    """``sides`` of ``diagnosis.json``: the gap on both sides; ``None`` if no recording has sensors.
 
     Actuator side: recorded torque less sensor, against rotor, friction and all on the way to the gear. Link side: the
     sensor, against the bodies and what acts on them. Both have the norm of the recorded torque. The sensors' own errors
@@ -85,9 +87,10 @@ def find_sides(
     Args:
         nominal, corrected: the arm of the data sheet, and with the effects found.
         body: dynamics of the nominal arm.
-        segments: on which gaps are measured.
+        recordings: on which gaps are measured.
     """
-    sensed = [s for s in segments if s.torque_sensor is not None]
+    # at their own rate: dry friction is sharp
+    sensed = [s for r in recordings if r.tau_sensor is not None for s in condition(r)]
     if not sensed:
         return None
     rows = DecimatedSegments(sensed, TORQUE_CUTOFF)
