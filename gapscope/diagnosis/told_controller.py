@@ -23,34 +23,32 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from gapscope.arm.case import Case
-from gapscope.arm.control import FEEDFORWARDS, PD, PID, feedforward
+from gapscope.arm.control import FEEDFORWARDS, PD, PID
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.inertials import inertial_errors, inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.nominal import smooth_sign
 from gapscope.arm.recording import Recording
-from gapscope.arm.root_mean_square import SMALLEST
+from gapscope.arm.root_mean_square import SMALLEST, rms
 from gapscope.diagnosis.gap.commanded_torque import filled
 from gapscope.diagnosis.gap.plausible_data import select_windows
 from gapscope.diagnosis.setup_faults.references import (
+    FRICTION,
     GAINS,
-    LawSums,
+    SERIES,
+    LawRows,
     late_references,
-    law_motion,
-    law_sums,
+    law_filtered,
+    law_rows,
     of_gains,
+    referred,
 )
 from gapscope.diagnosis.thresholds import INERTIAL_ERROR, LAW_EXPLAINS, LAW_GAIN
 from gapscope.effects.actuation import DELAY_TIME
-from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.effect_ranges import Z95
 from gapscope.model.conditioning import (
     MIN_FLOOR,
     TORQUE_CUTOFF,
-    Segment,
-    condition,
-    low_pass,
     torque_scale,
 )
 from gapscope.model.design import LIKELY, WIDE
@@ -68,9 +66,8 @@ TICK = 1.0 / (4 * TORQUE_CUTOFF)
 """Step of delays that are tried [s]."""
 
 NAMES = ("kp", "kd", "ki")
-FRICTION = ("dry", "viscous", "rotor", "offset")
-COLUMNS = (*FRICTION, "needed", "error", "dq_ref", "dq", "integral", *FEEDFORWARDS[1:])
-"""Series of each joint, behind errors of the bodies."""
+OWN = (*FRICTION, "ddq")
+"""Columns of a joint's own torque: friction, offset and rotor. They are the first of ``SERIES``."""
 
 
 class Law(NamedTuple):
@@ -220,76 +217,51 @@ def _refined(cost: Callable[[float], float], near: float) -> tuple[float, float]
     return float(found.fun), float(found.x)
 
 
-# Sums of products of the columns of each joint, on which every law is algebra.
+# Sums of products of the columns of each joint, errors of bodies before ``SERIES``, on which every law is algebra.
 
 
 class _Rows:
     """Rows of recordings with references, M in all, of n joints.
 
     Attributes:
+        bodies: errors of the bodies, which no delay changes, (M, n, 10 n).
         segment: number of the segment of each row, (M,).
         error: RMS of the position's error as recorded [rad], (n,).
         late: time of a command that the log does not tell, deviation [s].
         independent: samples of the motion that are independent.
-        fixed: columns that no delay changes, (M, n, 10 n + 5).
-        friction: prior deviations of ``FRICTION``, (n, 4): as large as the torque; rotors near what is stated of all.
+        friction: prior deviations of ``OWN``, (n, 4): as large as the torque; rotors near what is stated of all.
     """
 
     def __init__(self, case: Case) -> None:
-        self._arm, self._body = arm, body = case.arm, RigidBody(case.arm)
+        arm, body = case.arm, RigidBody(case.arm)
         size = inertial_scale(body)
         errors = inertial_errors(body.inertial_parameters().ravel(), size)
         errors = size[:, None] * errors * INERTIAL_ERROR
-        self._pairs = [
-            (r, s) for r in case.recordings if r.q_ref is not None for s in condition(r)
+        self._case, self._recordings = case, referred(case)
+        segments = [s for _, some in self._recordings for s in some]
+        moved = [
+            (s, body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)) for s in segments
         ]
-        parts = []
-        for _, segment in self._pairs:
-            m = segment.motion
-            bodies = body.regressor(m.q, m.dq, m.ddq) @ errors
-            dry, one = smooth_sign(m.dq), np.ones_like(m.q)
-            needed = CorrectedArm(arm).predict(segment.bodies(body), m)
-            parts.append(_thin([bodies, dry, m.dq, m.ddq, one, needed], segment))
-        self.fixed = np.concatenate(parts)
-        self.segment = np.repeat(np.arange(len(parts)), [len(x) for x in parts])
-        seconds = sum(s.motion.t[-1] - s.motion.t[0] for _, s in self._pairs)
+        self.bodies = np.concatenate([law_filtered(x @ errors, s) for s, x in moved])
+        seconds = sum(s.motion.t[-1] - s.motion.t[0] for s in segments)
         self.independent = motion_samples(float(seconds), MOTION_INDEPENDENT_RATE)
-        # beside a delay any error is a speed, which explains itself
-        recorded = self.columns(0.0)[:, :, self.fixed.shape[2]]
-        self.error = np.sqrt((recorded**2).mean(axis=0))
         # a log tells the time of a command to one row
-        self.late = 1.0 / min(r.rate for r, _ in self._pairs) / np.sqrt(12.0)
-        *own, needed = np.moveaxis(self.fixed[:, :, 10 * arm.n_joints :], 2, 0)
-        column = np.sqrt(np.square(own).mean(axis=1)).T
+        self.late = 1.0 / min(r.rate for r, _ in self._recordings) / np.sqrt(12.0)
+        rows = law_rows(case, self._recordings)
+        at = dict(zip(SERIES, np.moveaxis(rows.series, 2, 0), strict=True))
+        # beside a delay any error is a speed, which explains itself
+        self.segment, self.error = rows.segment, rms(at["error"], 0)
+        column = np.column_stack([rms(at[name], 0) for name in OWN])
         self.friction = (
-            WIDE * torque_scale(needed)[:, None] / np.maximum(column, MIN_FLOOR)
+            WIDE * torque_scale(at["needed"])[:, None] / np.maximum(column, MIN_FLOOR)
         )
         if arm.armature.all():
-            self.friction[:, FRICTION.index("rotor")] = STATED * arm.armature
+            self.friction[:, OWN.index("ddq")] = STATED * arm.armature
 
     def columns(self, delay: float) -> np.ndarray:
         """All columns if commands take effect late [s], (M, n, P)."""
-        parts = []
-        for recording, segment in self._pairs:
-            error, dq, planned = law_motion(recording, segment, delay)
-            # with what the integral began is not known
-            integral = np.cumsum(error, axis=0) / segment.motion.rate
-            integral = integral - integral.mean(axis=0)
-            fed = [
-                feedforward(self._arm, self._body, kind, *planned)
-                for kind in FEEDFORWARDS[1:]
-            ]
-            parts.append(_thin([error, planned[1], dq, integral, *fed], segment))
-        return np.concatenate([self.fixed, np.concatenate(parts)], axis=2)
-
-
-def _thin(columns: Sequence[np.ndarray], segment: Segment) -> np.ndarray:
-    """Columns, (N, n) or (N, n, K) each, behind the filter of the torque gap, (M, n, K)."""
-    rate = segment.motion.rate
-    x = np.concatenate([c.reshape(*c.shape[:2], -1) for c in columns], axis=2)
-    step = max(1, int(rate / (4 * TORQUE_CUTOFF)))
-    flat = low_pass(x.reshape(len(x), -1), rate, TORQUE_CUTOFF)
-    return flat.reshape(x.shape)[segment.inner][::step]
+        series = law_rows(self._case, self._recordings, delay).series
+        return np.concatenate([self.bodies, series], axis=2)
 
 
 class _Solution(NamedTuple):
@@ -323,32 +295,31 @@ def _fitted(
     """
     n, p = gram.shape[:2]
     bodies, unit = 10 * n, np.eye(p)
-    series = dict(zip(COLUMNS, unit[bodies:], strict=True))
-    base, error = series["needed"], series["error"]
-    if law.feedforward != "none":
-        base = base - series[law.feedforward]
-    damped = [series["dq_ref"] * law.follows - series["dq"]]
+    series = dict(zip(SERIES, unit[bodies:], strict=True))
+    base, error = series["needed"] - series[law.feedforward], series["error"]
+    damped = [series["rate"] if law.follows else -series["dq"]]
     if law.integrates:
         damped.append(series["integral"])
     # places of a joint's own unknowns behind those that it shares
-    known, width = bodies + len(FRICTION), len(FRICTION) + 1 + len(damped)
+    known, width = bodies + len(OWN), len(OWN) + 1 + len(damped)
     places = bodies + np.arange(n * width).reshape(n, width)
     own = np.hstack([np.tile(np.arange(bodies), (n, 1)), places])
 
-    def rms(columns: np.ndarray) -> np.ndarray:
+    def size(columns: np.ndarray) -> np.ndarray:
         square = ((columns[..., None, :] @ gram)[:, 0] * columns).sum(axis=-1)
-        return np.sqrt(np.maximum(square / len(rows.fixed), SMALLEST))
+        return np.sqrt(np.maximum(square / len(rows.bodies), SMALLEST))
 
-    errors = rms(error)
+    errors = size(error)
     wide = WIDE * LIKELY**2 * errors
     prior = np.ones(bodies + n * width)
-    widths = [wide / rms(column) for column in (series["needed"], *damped)]
+    widths = [wide / size(column) for column in (series["needed"], *damped)]
     prior[places] = np.column_stack([rows.friction, *widths])
-    share, value, left = errors / (2 * rms(base)), np.zeros(len(prior)), errors / LIKELY
+    share = errors / (2 * size(base))
+    value, left = np.zeros(len(prior)), errors / LIKELY
     for _ in range(ROUNDS):
         # a controller that acts late has more inertia to push
         late = rows.late * np.abs(value[own[:, known + 1]]) / share
-        rotor = FRICTION.index("rotor")
+        rotor = OWN.index("ddq")
         prior[places[:, rotor]] = np.hypot(rows.friction[:, rotor], late)
         # what bodies and friction were taken to have is in two columns
         taken = np.zeros((n, p))
@@ -366,7 +337,7 @@ def _fitted(
         np.add.at(right, own, (weighed @ target[:, :, None])[:, :, 0])
         value = prior * np.linalg.solve(normal, right)
         weights = target - (x @ value[own][:, :, None])[:, :, 0]
-        left = np.maximum(rms(weights), MIN_NOISE * errors)
+        left = np.maximum(size(weights), MIN_NOISE * errors)
         before, share = share, value[own[:, known]]
         if np.allclose(share, before, rtol=SETTLED**2):
             break
@@ -480,28 +451,30 @@ def with_fed_forward(case: Case, seen: Case) -> Case:
         seen: what is looked at of it, with the arm of which its controller knows.
     """
     declared = case.controller
-    recorded = all(r.tau is not None for r in seen.recordings if r.q_ref is not None)
+    of_law = [r for r in seen.recordings if r.q_ref is not None]
+    recorded = of_law and all(r.tau is not None for r in of_law)
     if not isinstance(declared, PD) or not recorded:
         return case
 
     @cache
-    def sums_of(delay: float) -> LawSums | None:
-        return law_sums(_with_references(seen, delay) if delay else seen)
+    def rows_of(delay: float) -> LawRows:
+        return law_rows(seen, recordings, delay)
 
     def left(kind: str, delay: float, columns: Sequence[Any] = WITH_GAINS) -> float:
-        """Share of the torque that a law leaves, median over joints that move [1]; infinite if none is recorded."""
-        sums = sums_of(delay)
-        if sums is None or not sums.moves.any():
+        """Share of the torque that a law leaves, median over joints that move [1]; infinite if none does."""
+        rows = rows_of(delay)
+        if not rows.moves.any():
             return np.inf
         every = []
-        for j in np.flatnonzero(sums.moves):
-            fits = [sums.fit(j, of_gains(kind), x, {"torque": 1.0}) for x in columns]
+        for j in np.flatnonzero(rows.moves):
+            fits = [rows.fit(j, of_gains(kind), x, {"torque": 1.0}) for x in columns]
             every.append(min(share for _, share in fits))
         return float(np.median(every))
 
     # a law that misses no more than this explains the torque, and is not late
     little = LAW_EXPLAINS / LAW_GAIN
     try:
+        recordings = referred(seen)
         at_once = {kind: left(kind, 0.0) for kind in FEEDFORWARDS}
         kind = min(at_once, key=lambda one: at_once[one])
         least, delay = at_once[kind], 0.0

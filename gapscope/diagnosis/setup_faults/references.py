@@ -58,47 +58,50 @@ from gapscope.effects.setup_faults import (
 )
 from gapscope.model.conditioning import TORQUE_CUTOFF, Segment, condition, low_pass
 
-# What a control law is compared on: sums of products of tracking errors, motion and torque of each joint, over rows to
-# fit and over rows to judge. Every law is algebra on them.
+# What a control law is compared on: tracking errors, motion and torque of each joint, on rows to fit and rows to judge.
 
 
 CLIPPED = 0.98
 """Torque over its limit from which on it may be clipped [1]. (physical)"""
+FRICTION = ("dry", "dq", "one")
+"""Columns of dry and viscous friction, and an offset."""
+GAINS = ("error", "rate")
+"""Columns of kp and kd."""
 WEIGHT = ("gravity x", "gravity y", "gravity z")
 """Columns of a feedforward that believes in another gravity."""
 SERIES = (
-    "error",
-    "rate",
-    "dq",
-    "dry",
-    "one",
+    *FRICTION,
+    "ddq",
+    *GAINS,
+    "integral",
     "torque",
     "needed",
     *FEEDFORWARDS,
     *WEIGHT,
 )
-"""Series of each joint, K of them: q_ref - q [rad], its rate [rad/s], velocity [rad/s] and its smoothed sign, one,
-torque recorded (that which the nominal arm needs if none was), torque that the nominal arm needs with its friction
-[N m], that which each kind of feedforward has, and that of gravity of 1 m/s^2 along each axis of the base on the
-reference."""
-FRICTION = ("dry", "dq", "one")
-"""Columns of dry and viscous friction, and an offset."""
-GAINS = ("error", "rate")
-"""Columns of kp and kd."""
+"""Series of each joint, K of them: smoothed sign of the velocity, velocity [rad/s], one, acceleration [rad/s^2],
+q_ref - q [rad], its rate [rad/s] and integral [rad s], torque recorded (that which the nominal arm needs if none was),
+torque that the nominal arm needs with its friction [N m], that which each kind of feedforward has, and that of gravity
+of 1 m/s^2 along each axis of the base on the reference."""
 
 
 @dataclass(frozen=True)
-class LawSums:
-    """Sums of products of ``SERIES``, of n joints.
+class LawRows:
+    """``SERIES`` in the band of the torque gap, on M rows of n joints.
 
     Attributes:
-        fitted, judged: over rows to fit, and over those that judge, (n, K, K); without rows of clipped torque.
+        series: (M, n, K).
+        free: rows of each joint below its torque limit, mask (M, n).
+        segment: number of the segment of each row, (M,).
+        fitted: rows to fit, mask (M,); the others judge.
         recorded: whether ``torque`` was.
         moves: joints that move, (n,).
     """
 
+    series: np.ndarray
+    free: np.ndarray
+    segment: np.ndarray
     fitted: np.ndarray
-    judged: np.ndarray
     recorded: bool
     moves: np.ndarray
 
@@ -117,50 +120,59 @@ class LawSums:
             columns: names of series.
             scale: factors of the series over whose deviation it counts; by default the target.
         """
-        own = [SERIES.index(name) for name in columns]
+        series, free = self.series[:, joint], self.free[:, joint]
         left, whole = (
-            np.array([factors.get(name, 0.0) for name in SERIES])
+            series @ [factors.get(name, 0.0) for name in SERIES]
             for factors in (target, target if scale is None else scale)
         )
-        sums = self.fitted[joint]
+        x = series[:, [SERIES.index(name) for name in columns]]
+        fitted, judged = free & self.fitted, free & ~self.fitted
         # gains, friction and offset differ by orders of magnitude
-        size = np.sqrt(np.maximum(np.diag(sums)[own], SMALLEST))
-        gram = sums[np.ix_(own, own)] / np.outer(size, size)
-        right = sums[own] @ left / size
-        found = np.linalg.pinv(gram, rcond=1e-12, hermitian=True) @ right / size
-        # the residual itself, as factors of the series
-        left[own] -= found
-        # products with the series of ones are sums; with itself, the number of rows
-        judged, one = self.judged[joint], SERIES.index("one")
-        mean = float(judged[one] @ whole) / judged[one, one]
-        variance = float(whole @ judged @ whole) / judged[one, one] - mean**2
-        square = max(float(left @ judged @ left), 0.0) / judged[one, one]
-        return found, float(np.sqrt(square / max(variance, SMALLEST)))
+        size = np.sqrt(np.maximum((x[fitted] ** 2).sum(axis=0), SMALLEST))
+        found = np.linalg.lstsq(x[fitted] / size, left[fitted], rcond=1e-6)[0] / size
+        rest = rms((left - x @ found)[judged], None)
+        return found, float(rest / max(whole[judged].std(), SMALLEST))
 
 
-def law_sums(case: Case) -> LawSums | None:
-    """Sums of a case in the band of the torque gap; ``None`` without references."""
-    recordings = [r for r in case.recordings if r.q_ref is not None]
-    if not recordings:
-        return None
-    recorded = all(r.tau is not None for r in recordings)
-    body, n = RigidBody(case.arm), case.arm.n_joints
-    sums = np.zeros((2, n, len(SERIES), len(SERIES)))
-    for recording in recordings:
-        parts = _series(case, body, recording, recorded)
-        series, free = (np.concatenate(x) for x in zip(*parts, strict=True))
+Referred = list[tuple[Recording, list[Segment]]]
+"""Recordings with references, and their segments."""
+
+
+def referred(case: Case) -> Referred:
+    """The recordings of a case that have references."""
+    return [(r, condition(r)) for r in case.recordings if r.q_ref is not None]
+
+
+def law_rows(case: Case, recordings: Referred, delay: float = 0.0) -> LawRows:
+    """Rows of a case's recordings with references, of which there are some, if commands take effect late [s]."""
+    recorded = all(r.tau is not None for r, _ in recordings)
+    body = RigidBody(case.arm)
+    series, free, fitted = [], [], []
+    for recording, segments in recordings:
+        parts = [_series(case, body, recording, s, recorded, delay) for s in segments]
+        series += [x for x, _ in parts]
+        free += [y for _, y in parts]
+        count = sum(len(x) for x, _ in parts)
         # every other block is fitted
-        block = np.arange(len(series)) * LAW_BLOCKS // len(series) % 2
-        for k in range(2):
-            own = series * (free & (block == k)[:, None])[:, :, None]
-            sums[k] += np.einsum("mja,mjb->jab", own, series)
+        fitted.append(np.arange(count) * LAW_BLOCKS // count % 2 == 0)
     # by the plan, so that an arm that sags does not count as moving
     planned = np.max(
-        [np.ptp(references(r, "controller")[0], axis=0) for r in recordings], axis=0
+        [np.ptp(references(r, "controller")[0], axis=0) for r, _ in recordings], axis=0
     )
-    return LawSums(
-        sums[0], sums[1], recorded, planned > MIN_MOTION_SHARE * planned.max()
+    return LawRows(
+        np.concatenate(series),
+        np.concatenate(free),
+        np.repeat(np.arange(len(series)), [len(x) for x in series]),
+        np.concatenate(fitted),
+        recorded,
+        planned > MIN_MOTION_SHARE * planned.max(),
     )
+
+
+def law_kept(segment: Segment) -> slice:
+    """Samples of a segment that are rows: twice as many as the band of the torque gap asks for."""
+    step = max(1, int(segment.motion.rate / (4 * TORQUE_CUTOFF)))
+    return slice(segment.inner.start, segment.inner.stop, step)
 
 
 def late_references(
@@ -202,38 +214,45 @@ def law_motion(
     return error, dq, (q_ref, dq_ref, ddq_ref)
 
 
+def law_filtered(series: np.ndarray, segment: Segment) -> np.ndarray:
+    """Series of a segment, (N, n, K), on its rows behind the filter of the torque gap, (M, n, K)."""
+    flat = low_pass(series.reshape(len(series), -1), segment.motion.rate, TORQUE_CUTOFF)
+    return flat.reshape(series.shape)[law_kept(segment)]
+
+
 def _series(
-    case: Case, body: RigidBody, recording: Recording, recorded: bool
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """``SERIES``, (M, n, K), and rows of each joint below its torque limit, (M, n), of each segment of a recording.
+    case: Case,
+    body: RigidBody,
+    recording: Recording,
+    segment: Segment,
+    recorded: bool,
+    delay: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """``SERIES`` of a segment, (M, n, K), and rows of each joint below its torque limit, (M, n).
 
     A velocity that was not recorded is that of the positions a delay of the controller's filter ago, 2 zeta / w.
     """
     behind, controller = 0.0, case.controller
     if controller is not None and controller.velocity_cutoff is not None:
         behind = controller.velocity_damping / (np.pi * controller.velocity_cutoff)
-    out = []
-    for segment in condition(recording):
-        motion = segment.motion
-        error, dq, planned = law_motion(recording, segment, behind=behind)
-        needed = CorrectedArm(case.arm).predict(body.carrying(segment.payload), motion)
-        torque = needed if segment.torque is None or not recorded else segment.torque
-        limit, free = case.arm.torque_limit, np.ones_like(torque, dtype=bool)
-        if limit is not None and recorded:
-            # a clipped torque is given by no gain
-            free = np.abs(torque) < CLIPPED * limit
-        fed = [feedforward(case.arm, body, kind, *planned) for kind in FEEDFORWARDS]
-        weight = np.moveaxis(body.gravity_regressor(planned[0]), 2, 0)
-        inner = segment.inner
-        error, rate, slow, *others = (
-            low_pass(x, motion.rate, TORQUE_CUTOFF)[inner]
-            for x in (error, planned[1] - dq, dq, torque, needed, *fed, *weight)
-        )
-        one = np.ones_like(error)
-        dry = smooth_sign(slow)
-        every = np.stack([error, rate, slow, dry, one, *others], axis=2)
-        out.append((every, free[inner]))
-    return out
+    motion = segment.motion
+    error, dq, planned = law_motion(recording, segment, delay, behind)
+    needed = CorrectedArm(case.arm).predict(segment.bodies(body), motion)
+    torque = needed if segment.torque is None or not recorded else segment.torque
+    limit, free = case.arm.torque_limit, np.ones_like(torque, dtype=bool)
+    if limit is not None and recorded:
+        # a clipped torque is given by no gain
+        free = np.abs(torque) < CLIPPED * limit
+    # with what the integral began is not known
+    integral = np.cumsum(error, axis=0) / motion.rate
+    integral = integral - integral.mean(axis=0)
+    dry, one = smooth_sign(motion.dq), np.ones_like(error)
+    friction = (dry, dq, one, motion.ddq)
+    law = (error, planned[1] - dq, integral, torque, needed)
+    fed = [feedforward(case.arm, body, kind, *planned) for kind in FEEDFORWARDS]
+    weight = np.moveaxis(body.gravity_regressor(planned[0]), 2, 0)
+    every = np.stack([*friction, *law, *fed, *weight], axis=2)
+    return law_filtered(every, segment), free[law_kept(segment)]
 
 
 # Whose derivative a recorded velocity is: the arm's position or the reference.
@@ -364,7 +383,7 @@ def _less_gains(target: Mapping[str, float], gains: np.ndarray) -> dict[str, flo
     return {**target, **{name: -float(x) for name, x in zip(GAINS, gains, strict=True)}}
 
 
-def ignored_velocity(case: Case, sums: LawSums) -> FoundFault | None:
+def ignored_velocity(case: Case, rows: LawRows) -> FoundFault | None:
     """A velocity reference that the controller ignores: without it the law explains the torque, with it not.
 
     Half of the joints that move have to show it, none the contrary.
@@ -373,11 +392,11 @@ def ignored_velocity(case: Case, sums: LawSums) -> FoundFault | None:
     if any(r.dq_ref is None for r in recordings):
         return None
     leads: dict[str, float] = {}
-    moving, law = np.flatnonzero(sums.moves), of_gains(_declared(case))
+    moving, law = np.flatnonzero(rows.moves), of_gains(_declared(case))
     for j in moving:
         # tau = kp (q_ref - q) - kd dq, without the velocity's reference
-        gains, without = sums.fit(j, law, ("error", "dq", "one"))
-        _, with_it = sums.fit(j, law, (*GAINS, "one"))
+        gains, without = rows.fit(j, law, ("error", "dq", "one"))
+        _, with_it = rows.fit(j, law, (*GAINS, "one"))
         if with_it * LAW_GAIN < without and with_it < LAW_EXPLAINS:
             # one joint that clearly follows its velocity reference settles it
             return None
@@ -392,20 +411,20 @@ def ignored_velocity(case: Case, sums: LawSums) -> FoundFault | None:
     return replace(found, recordings=())
 
 
-def other_gains(case: Case, sums: LawSums) -> FoundFault | None:
+def other_gains(case: Case, rows: LawRows) -> FoundFault | None:
     """Gains at work that are not the declared ones, on the joints that show it."""
     declared = case.controller
     if not isinstance(declared, PD):
         return None
-    least = np.log(NAMED_GAIN_FACTOR if sums.recorded else INFERRED_GAIN_FACTOR)
+    least = np.log(NAMED_GAIN_FACTOR if rows.recorded else INFERRED_GAIN_FACTOR)
     factors: dict[int, np.ndarray] = {}
     # a wrong gravity in the feedforward must not pass for gains: errors under a load go with gravity too
     kind = declared.feedforward
     law, others = of_gains(kind), ("one", *(WEIGHT if kind != "none" else ()))
-    for j in np.flatnonzero(sums.moves):
-        gains, left = sums.fit(j, law, (*GAINS, *others))
+    for j in np.flatnonzero(rows.moves):
+        gains, left = rows.fit(j, law, (*GAINS, *others))
         stated = np.array([declared.kp[j], declared.kd[j]])
-        _, as_declared = sums.fit(j, _less_gains(law, stated), others, law)
+        _, as_declared = rows.fit(j, _less_gains(law, stated), others, law)
         explains = left < LAW_EXPLAINS and left * LAW_GAIN < as_declared
         if not explains or (gains[:2] <= 0).any() or (stated <= 0).any():
             continue
@@ -415,9 +434,9 @@ def other_gains(case: Case, sums: LawSums) -> FoundFault | None:
     if not factors:
         return None
     kp, kd = np.array(list(factors.values())).T
-    if not sums.recorded:
+    if not rows.recorded:
         alike = np.ptp(np.log(kp)) < np.log(INFERRED_GAIN_SPREAD)
-        if 2 * len(factors) <= sums.moves.sum() or not alike:
+        if 2 * len(factors) <= rows.moves.sum() or not alike:
             return None
     fault = GainMismatch(tuple(kp.tolist()), tuple(kd.tolist()), tuple(factors))
     return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY)
@@ -447,7 +466,7 @@ def exact_gains(recordings: tuple[Recording, ...]) -> np.ndarray | None:
 
 
 def unmeasured_torque(
-    case: Case, sums: LawSums, gains: np.ndarray
+    case: Case, rows: LawRows, gains: np.ndarray
 ) -> FoundFault | None:
     """A torque that gains alone gave, if it does not fit the motion; the gains at work if some do.
 
@@ -457,10 +476,10 @@ def unmeasured_torque(
 
     Args:
         case: with torques and references.
-        sums: of the case.
+        rows: of the case.
         gains: kp and kd of the torque column, (n, 2).
     """
-    moving = np.flatnonzero(sums.moves & gains.any(axis=1))
+    moving = np.flatnonzero(rows.moves & gains.any(axis=1))
     if not len(moving):
         return None
     declared, at_work, needed = case.controller, gains.copy(), {"needed": 1.0}
@@ -478,15 +497,15 @@ def unmeasured_torque(
         at_work, fed = stated, {**needed, _declared(case): -1.0}
         for j in moving:
             own, other = _less_gains(needed, gains[j]), _less_gains(fed, stated[j])
-            column.append(sums.fit(j, own, FRICTION, needed)[1])
-            others.append(sums.fit(j, other, FRICTION, needed)[1])
+            column.append(rows.fit(j, own, FRICTION, needed)[1])
+            others.append(rows.fit(j, other, FRICTION, needed)[1])
         misfit = np.median(column)
         if misfit < OTHER_GAINS_MISFIT or np.median(others) >= misfit:
             return None
     else:
         for j in moving:
-            column.append(sums.fit(j, needed, ("torque", *FRICTION))[1])
-            found, left = sums.fit(j, needed, (*GAINS, *FRICTION))
+            column.append(rows.fit(j, needed, ("torque", *FRICTION))[1])
+            found, left = rows.fit(j, needed, (*GAINS, *FRICTION))
             others.append(left)
             at_work[j] = found[:2]
         misfit = np.median(column)
@@ -531,21 +550,19 @@ def find_reference_faults(case: Case) -> tuple[Case, tuple[FoundFault, ...]]:
             case = repaired(case, faults)
             found.extend(faults)
     try:
-        sums = law_sums(case)
+        rows = law_rows(case, referred(case))
     except GapscopeError:
         # too short or gapped for any law; what needs the signals says so
-        sums = None
-    if sums is None:
         return case, tuple(found)
     fault, gains = None, exact_gains((*case.recordings, *case.judged))
     if gains is not None:
-        fault = unmeasured_torque(case, sums, gains)
+        fault = unmeasured_torque(case, rows, gains)
         if fault is None and case.controller is None:
             kp, kd = (", ".join(f"{x:.4g}" for x in column) for column in gains.T)
             warning = COMPUTED.format(kp=kp, kd=kd)
             case = replace(case, warnings=(*case.warnings, warning))
     # at most one: all three explain the same torque
-    fault = fault or ignored_velocity(case, sums) or other_gains(case, sums)
+    fault = fault or ignored_velocity(case, rows) or other_gains(case, rows)
     if fault is None:
         return case, tuple(found)
     return repaired(case, (fault,)), (*found, fault)
