@@ -20,7 +20,6 @@ from gapscope.model.conditioning import MIN_CUTOFF, TORQUE_CUTOFF, TRIM
 from gapscope.model.design import LIKELY
 from gapscope.model.equations import MIN_NOISE
 from gapscope.model.readings import ORDINARY_ERROR
-from gapscope.model.rows import PER_CUTOFF
 
 # fmt: off
 
@@ -166,7 +165,6 @@ STANDS_OUT = 1.5
 SIGNIFICANT_RESIDUAL_RATIO = STANDS_OUT**2
 
 # --- assessment: share of a residual that a flexible model predicts
-ROWS_PER_CUTOFF = PER_CUTOFF  # Rows per period of the torque gap's cut-off; more hold nothing new. (statistics)
 # Waves of the posture of the arm; twice as many of a joint's signals. (budget)
 FOURIER_FEATURES = 60
 # Time beside the border between two folds that is not fitted [s]: held-out rows have no neighbours in it. (definition)

@@ -26,7 +26,6 @@ from gapscope.diagnosis.thresholds import (
     MIN_OSCILLATION,
     OSCILLATION_GRID,
     RIDGE_STRENGTHS,
-    ROWS_PER_CUTOFF,
     STANDS_OUT,
     UNKNOWN_TORQUE,
 )
@@ -96,23 +95,21 @@ class Variable:
         return np.column_stack(each)
 
 
-def variables(
-    rows: MotionRows, kept: np.ndarray, j: int, load: np.ndarray
-) -> list[Variable]:
-    """The variables of joint j (from 0) on the rows kept, (M,).
+def variables(rows: MotionRows, j: int, load: np.ndarray) -> list[Variable]:
+    """The variables of joint j (from 0), (M,).
 
     ``speed`` is dq without its sign, ``velocity`` with it, ``load`` the torque that the corrected arm predicts,
     ``time`` counts from the start of each recording.
     """
-    v = rows.dq[kept, j]
+    v = rows.dq[:, j]
     return [
-        Variable("position", "rad", rows.q[kept, j]),
+        Variable("position", "rad", rows.q[:, j]),
         Variable("speed", "rad/s", np.abs(v)),
         Variable("velocity", "rad/s", v),
         Variable("direction", "1", smooth_sign(v)),
-        Variable("acceleration", "rad/s^2", rows.ddq[kept, j]),
+        Variable("acceleration", "rad/s^2", rows.ddq[:, j]),
         Variable("load", "N m", load),
-        Variable("time", "s", rows.clock[kept]),
+        Variable("time", "s", rows.clock),
     ]
 
 
@@ -142,17 +139,15 @@ def curve_of(variable: Variable, gap: np.ndarray, weight: np.ndarray) -> Curve:
 
 
 class Halves(NamedTuple):
-    """Rows at about the rate of what a filtered gap holds, K in all, in halves of recordings.
+    """Rows, M in all, in halves of recordings.
 
     Attributes:
-        kept: which of all rows they are, (K,).
-        t: time since the start of their recording [s], (K,).
-        segment: their recording, (K,).
-        fold: their half, which is left out together, (K,).
-        fitted: those that may be fitted, (K,); all are predicted.
+        t: time since the start of their recording [s], (M,).
+        segment: their recording, (M,).
+        fold: their half, which is left out together, (M,).
+        fitted: those that may be fitted, (M,); all are predicted.
     """
 
-    kept: np.ndarray
     t: np.ndarray
     segment: np.ndarray
     fold: np.ndarray
@@ -160,24 +155,20 @@ class Halves(NamedTuple):
 
 
 def halves_of(rows: MotionRows) -> Halves:
-    """Rows that are kept of all, and the halves of recordings."""
-    kept, folds, fitted = [], [], []
-    for segment, rate in enumerate(rows.rates):
-        step = max(1, int(rate / (ROWS_PER_CUTOFF * TORQUE_CUTOFF)))
-        own = np.flatnonzero(rows.segment == segment)[::step]
-        second_half = np.arange(len(own)) >= len(own) / 2
-        t = rows.t[own]
+    """The halves of recordings."""
+    folds, fitted = [], []
+    for segment in range(len(rows.rates)):
+        t = rows.t[rows.segment == segment]
+        second_half = np.arange(len(t)) >= len(t) / 2
         border = t[int(np.argmax(second_half))]
-        kept.append(own)
         folds.append(2 * segment + second_half)
         # Rows beside the border are nearly those on its other side: fitting them would leak what is held out.
         fitted.append(np.abs(t - border) > FOLD_GUARD)
-    places, fold, used = map(np.concatenate, (kept, folds, fitted))
-    return Halves(places, rows.t[places], rows.segment[places], fold, used)
+    return Halves(rows.t, rows.segment, np.concatenate(folds), np.concatenate(fitted))
 
 
 def predict_held_out(x: np.ndarray, y: np.ndarray, rows: Halves) -> np.ndarray:
-    """Prediction of y, (K,), each half with a ridge regression on columns x, (K, p), of the other halves.
+    """Prediction of y, (M,), each half with a ridge regression on columns x, (M, p), of the other halves.
 
     The strength for a half is the one that predicts the other halves best, those being left out in turn. If even the
     best is worse than predicting 0 there, the prediction is 0.
@@ -214,14 +205,14 @@ def predict_held_out(x: np.ndarray, y: np.ndarray, rows: Halves) -> np.ndarray:
 def predict_oscillation(
     gap: np.ndarray, weight: np.ndarray, rows: Halves
 ) -> np.ndarray:
-    """Prediction of weighted gaps [N m], (K, n), as a sin(2 pi f t) + b cos(2 pi f t), a and b per recording.
+    """Prediction of weighted gaps [N m], (M, n), as a sin(2 pi f t) + b cos(2 pi f t), a and b per recording.
 
     Each half of a joint is predicted with f from all others, and a and b from the rest of its own recording; 0 if a
     recording has no rest.
 
     Args:
-        gap: of n joints, times the weight of its row [N m], (K, n).
-        weight: [1], (K, n).
+        gap: of n joints, times the weight of its row [N m], (M, n).
+        weight: [1], (M, n).
         rows: the rows.
     """
     t, segment, fold = rows.t, rows.segment, rows.fold
@@ -395,32 +386,30 @@ def unknown(
         white2: variance of the noise of a row, over its square [1], (n,).
     """
     halves = halves_of(rows)
-    kept = halves.kept
-    load, velocity = gap.predicted[kept], rows.dq[kept]
-    angles = np.hstack([np.sin(rows.q[kept]), np.cos(rows.q[kept])])
+    load = gap.predicted
+    angles = np.hstack([np.sin(rows.q), np.cos(rows.q)])
     # a joint that hardly moves gives no information: its deviation counts as 0.05 at least
     spread = np.maximum(angles.std(axis=0), 0.05)
     posture = (angles - angles.mean(axis=0)) / spread
     # velocities and loads of all joints act on others by couplings; what all joints share is computed once
     of_arm = np.hstack(
         [
-            _normalised(np.hstack([velocity, load])),
+            _normalised(np.hstack([rows.dq, load])),
             _unit_waves(posture, FOURIER_FEATURES),
         ]
     )
-    memory = _memory(halves, rows, gap.predicted)
+    memory = _memory(rows, load)
     # of the gap sampled at its cut-off
     rates = np.asarray(rows.rates)[rows.segment]
     p_values = whiteness(gap.error, rows.segment, rates, TORQUE_CUTOFF).p_value
     # a joint of which no row is known has weights of 0
-    known2 = np.maximum((trust[kept] ** 2).mean(axis=0), SMALLEST)
-    weight = trust[kept] / np.sqrt(known2)
-    error = gap.error - _skewed(gap, rows, trust / scale)
-    left = error[kept] * weight
+    known2 = np.maximum((trust**2).mean(axis=0), SMALLEST)
+    weight = trust / np.sqrt(known2)
+    left = (gap.error - _skewed(gap, rows, trust / scale)) * weight
     waves = predict_oscillation(left, weight, halves)
     every = []
     for j, p_value in enumerate(p_values.tolist()):
-        known = variables(rows, kept, j, load[:, j])
+        known = variables(rows, j, load[:, j])
         # any hysteresis is a sum of stop operators: waves of them have more to learn, and predict no more
         columns = []
         for variable in known:
@@ -433,7 +422,7 @@ def unknown(
         signals = _normalised(np.column_stack(columns))
         features = np.column_stack(
             [
-                np.ones(len(kept)),
+                np.ones(len(load)),
                 signals,
                 _normalised(memory[:, j]),
                 _unit_waves(signals, 2 * FOURIER_FEATURES),
@@ -464,18 +453,18 @@ def _skewed(gap: TorqueGap, rows: MotionRows, weight: np.ndarray) -> np.ndarray:
 
 
 class _Residual(NamedTuple):
-    """The gap of one joint, weighted [N m], and the weights of its rows [1], (K,) each."""
+    """The gap of one joint, weighted [N m], and the weights of its rows [1], (M,) each."""
 
     gap: np.ndarray
     weight: np.ndarray
     rows: Halves
 
     def predicted(self, columns: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """Prediction of a weighted gap from columns, (K, p), on rows that are held out, (K,)."""
+        """Prediction of a weighted gap from columns, (M, p), on rows that are held out, (M,)."""
         return predict_held_out(columns * self.weight[:, None], gap, self.rows)
 
     def share(self, predicted: np.ndarray) -> float:
-        """Share of the squared gap that a prediction, (K,), takes away [1]."""
+        """Share of the squared gap that a prediction, (M,), takes away [1]."""
         before = np.mean(self.gap**2)
         remaining = np.mean((self.gap - predicted) ** 2)
         return float(np.clip(1.0 - remaining / max(before, SMALLEST), 0.0, 1.0))
@@ -495,8 +484,8 @@ def _of_joint(
         residual: its gap.
         joint: it, from 1.
         known: variables of the joint, by which the gap may be predicted.
-        wave: what an oscillation predicts of it [N m], (K,).
-        features: of the joint and of the arm, (K, F).
+        wave: what an oscillation predicts of it [N m], (M,).
+        features: of the joint and of the arm, (M, F).
         p_value: of its whiteness.
     """
     gap, segment = residual.gap, residual.rows.segment
@@ -539,11 +528,11 @@ def _amplitudes(residual: _Residual) -> Curve:
     return Curve(OSCILLATION, "Hz", frequency, np.sqrt(power / len(t)))
 
 
-def _memory(halves: Halves, rows: MotionRows, load: np.ndarray) -> np.ndarray:
-    """What joints remember of their motion and of their load (M, n) [N m], (K, n, states)."""
+def _memory(rows: MotionRows, load: np.ndarray) -> np.ndarray:
+    """What joints remember of their motion and of their load (M, n) [N m], (M, n, states)."""
     out = []
-    for segment in np.unique(halves.segment):
-        own = halves.kept[halves.segment == segment]
+    for segment in range(len(rows.rates)):
+        own = np.flatnonzero(rows.segment == segment)
         memory = Memory(rows.q[own[0]])
         steps = np.diff(rows.t[own], prepend=rows.t[own[0]]).tolist()
         # memory is a state: rows one after the other, from the start of each recording
@@ -553,7 +542,7 @@ def _memory(halves: Halves, rows: MotionRows, load: np.ndarray) -> np.ndarray:
 
 
 def _normalised(signals: np.ndarray) -> np.ndarray:
-    """Signals about 0 with a deviation of 1, (K, S)."""
+    """Signals about 0 with a deviation of 1, (M, S)."""
     deviation = np.maximum(signals.std(axis=0), MIN_FLOOR)
     return np.asarray((signals - signals.mean(axis=0)) / deviation)
 
