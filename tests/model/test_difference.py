@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from sweeps import daily, nightly
-from synthetic import (
-    COULOMB,
-    Truth,
-    motion,
-    recording,
-    recordings,
-    vendor,
-)
+from synthetic import COULOMB, Truth, motion, recording, recordings, vendor
 
 from gapscope.arm.recording import Recording
 from gapscope.model.changes import Change, changes_of, own_of_units
@@ -26,7 +21,7 @@ from gapscope.model.rows import MIN_MOTIONS, Rows
 from gapscope.model.terms import Terms
 
 HEALTHY = Truth(offset=(0.6, -0.5, 0.2))
-"""Torque offsets that the arm has on both days [N m]."""
+"""Torque offsets that the arm has on both days, from the first to the last sample [N m]."""
 DAYS = 0.15
 """Share by which friction differs from day to day at most [1]."""
 
@@ -38,8 +33,12 @@ def day(truth: Truth, seed: int):
 
 def changed(truth: Truth, healthy: Truth = HEALTHY, times: int = 1) -> Difference:
     """What a day has that the day before has not; each recording listed so many times."""
-    groups = [times * list(day(healthy, 1)), times * list(day(truth, 2))]
-    rows = Rows.recorded(groups)
+    return between(times * list(day(healthy, 1)), times * list(day(truth, 2)))
+
+
+def between(one: list[Recording], other: list[Recording]) -> Difference:
+    """What the other group of recordings has."""
+    rows = Rows.recorded([one, other])
     return Search(rows, fitted_arm(rows, vendor(), {0}), [(1,)], {0}, DAYS).run()
 
 
@@ -69,12 +68,8 @@ def test_two_effects_that_came():
 
 @pytest.mark.nightly
 def test_what_both_days_have_is_no_difference():
-    both = replace(
-        HEALTHY,
-        load=(0.0, 0.1, 0.0),
-        ripple=(0.0, 0.5, 0.0),
-        scale=(0.0, 0.0, 0.2),
-    )
+    more = {"load": (0.0, 0.1, 0.0), "ripple": (0.0, 0.5, 0.0)}
+    both = replace(HEALTHY, **more, scale=(0.0, 0.0, 0.2))
     assert not named(changed(both, both))
 
 
@@ -87,35 +82,35 @@ def test_one_unit_has_something_of_its_own():
     assert found["parameters"]["scale"]["value"] == pytest.approx(0.15, rel=0.15)
 
 
-class Stopping:
-    """A motion that stops for 0.6 s in every 2 s."""
+Times = Callable[[np.ndarray], tuple[np.ndarray, Any, Any]]
 
-    duration = 12.0
 
-    def __init__(self, seed: int) -> None:
-        self._going = motion(seed, duration=self.duration)
+class Retimed:
+    """A motion by another clock, which gives time and its two derivatives by t."""
 
-    def _time(self, t: np.ndarray) -> list[np.ndarray]:
-        """Time of the motion that goes on, and its derivatives, (N, 1) each."""
-        x = np.clip((t % 2.0) / 1.4, 0.0, 1.0)
-        slow = 2.0 * (t // 2.0 + x**3 * (10.0 - 15.0 * x + 6.0 * x**2))
-        rate = 2.0 * 30.0 * (x * (1.0 - x)) ** 2 / 1.4
-        gain = 2.0 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / 1.4**2
-        return [slow[:, None], rate[:, None], gain[:, None]]
+    def __init__(self, seed: int, duration: float, clock: Times, of: float) -> None:
+        self.duration, self._clock = duration, clock
+        self._going = motion(seed, duration=of)
 
     def position(self, t: np.ndarray) -> np.ndarray:
-        return self._going.position(self._time(t)[0][:, 0])
+        return self._going.position(self._clock(t)[0])
 
     def velocity(self, t: np.ndarray) -> np.ndarray:
-        slow, rate, _ = self._time(t)
-        return self._going.velocity(slow[:, 0]) * rate
+        time, rate, _ = self._clock(t)
+        return (self._going.velocity(time).T * rate).T
 
     def acceleration(self, t: np.ndarray) -> np.ndarray:
-        slow, rate, gain = self._time(t)
-        going = self._going
-        return (
-            going.acceleration(slow[:, 0]) * rate**2 + going.velocity(slow[:, 0]) * gain
-        )
+        time, rate, gain = self._clock(t)
+        by_rate = self._going.acceleration(time).T * rate**2
+        return (by_rate + self._going.velocity(time).T * gain).T
+
+
+def stopping(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stops for 0.6 s in every 2 s."""
+    x = np.clip((t % 2.0) / 1.4, 0.0, 1.0)
+    time = 2.0 * (t // 2.0 + x**3 * (10.0 - 15.0 * x + 6.0 * x**2))
+    rate = 2.0 * 30.0 * (x * (1.0 - x)) ** 2 / 1.4
+    return time, rate, 2.0 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / 1.4**2
 
 
 def test_friction_that_holds_a_joint_is_no_difference():
@@ -124,10 +119,9 @@ def test_friction_that_holds_a_joint_is_no_difference():
         return COULOMB * stop * (1.0 - np.abs(np.tanh(dq / 0.005)))
 
     rng, truth = np.random.default_rng(3), replace(HEALTHY, extra=holding)
-    stops = [recording(truth, Stopping(seed), rng, f"stops{seed}") for seed in (4, 5)]
-    rows = Rows.recorded([list(day(HEALTHY, 1)), stops])
-    found = Search(rows, fitted_arm(rows, vendor(), {0}), [(1,)], {0}, DAYS).run()
-    assert not named(found)
+    moved = [Retimed(seed, 12.0, stopping, of=12.0) for seed in (4, 5)]
+    stops = [recording(truth, m, rng, f"stops{k}") for k, m in enumerate(moved)]
+    assert not named(between(list(day(HEALTHY, 1)), stops))
 
 
 def test_a_vibration_counts_as_noise_at_its_own_frequency():
@@ -158,27 +152,11 @@ def test_a_torque_that_no_effect_makes_is_unknown():
     assert 1 in {joint for joint, *_ in found.fit.grown}
 
 
-class Cycle:
-    """A motion that comes again every 5 s."""
-
-    duration = 30.0
-
-    def __init__(self, seed: int) -> None:
-        self._going = motion(seed, duration=2.0 * self.duration)
-
-    def position(self, t: np.ndarray) -> np.ndarray:
-        return self._going.position(t + 10.0)
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        return self._going.velocity(t + 10.0)
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        return self._going.acceleration(t + 10.0)
-
-
 def test_a_cycle_in_one_recording_is_one_motion():
-    rng = np.random.default_rng(6)
-    rows = Rows.recorded([[recording(HEALTHY, Cycle(4), rng, "cycle")]])
+    """A motion that comes again every 5 s."""
+    cycle = Retimed(4, 30.0, lambda t: (t + 10.0, 1.0, 0.0), of=60.0)
+    logged = recording(HEALTHY, cycle, np.random.default_rng(6), "cycle")
+    rows = Rows.recorded([[logged]])
     first = rows.t < rows.t[0] + 4.9
     later = np.searchsorted(rows.t, rows.t[first] + 5.0)
     assert (rows.motion[later] == rows.motion[first]).mean() > 0.95
@@ -196,33 +174,27 @@ def test_motions_are_the_same_in_whatever_order_recordings_are_listed() -> None:
 # What changes during a recording, and when, on a three-joint arm that is believed with a poor URDF.
 
 
-STEADY = Truth(offset=(0.6, -0.5, 0.2))
-"""Torque offsets that the arm has from the first to the last sample [N m]."""
 MOMENT = 5.3
 """When something changes [s]."""
 CHANGED = {
-    ("payload", 0): (
-        replace(STEADY, mass=1.0, com=(0.1, 0.0, 0.0)),
-        1.0,
-    ),
-    ("coulomb_friction", 2): (
-        replace(STEADY, coulomb=(0.0, 1.5, 0.0)),
-        1.5,
-    ),
-    ("torque_scale", 2): (
-        replace(STEADY, scale=(0.0, 0.25, 0.0)),
-        0.25,
-    ),
+    ("payload", 0): (replace(HEALTHY, mass=1.0, com=(0.1, 0.0, 0.0)), 1.0),
+    ("coulomb_friction", 2): (replace(HEALTHY, coulomb=(0.0, 1.5, 0.0)), 1.5),
+    ("torque_scale", 2): (replace(HEALTHY, scale=(0.0, 0.25, 0.0)), 0.25),
 }
 """Effect and joint that change: the arm then, and the first coordinate of the change."""
+
+
+def nine_seconds(truth: Truth) -> tuple[Recording, Recording]:
+    """Two recordings of an arm."""
+    one, other, _ = recordings(truth, 1, duration=9.0)
+    return one, other
 
 
 def changing(
     later: Truth, start: float, end: float = np.inf
 ) -> tuple[Recording, Recording]:
     """Two recordings, in the second of which the arm is another one between two moments."""
-    one, before = recordings(STEADY, 1, duration=9.0)[:2]
-    after = recordings(later, 1, duration=9.0)[1]
+    (one, before), (_, after) = nine_seconds(HEALTHY), nine_seconds(later)
     there = ((before.t >= start) & (before.t < end))[:, None]
     q = np.where(there, after.q, before.q)
     tau = np.where(there, np.asarray(after.tau), np.asarray(before.tau))
@@ -275,8 +247,7 @@ def test_what_rises_evenly_is_one_change_that_takes_a_while(
     what: tuple[str, int], begin: float, end: float
 ) -> None:
     later, value = CHANGED[what]
-    one, before = recordings(STEADY, 1, duration=9.0)[:2]
-    after = recordings(later, 1, duration=9.0)[1]
+    (one, before), (_, after) = nine_seconds(HEALTHY), nine_seconds(later)
     risen = np.clip((before.t - begin) / (end - begin), 0.0, 1.0)[:, None]
     tau = before.tau + risen * (after.tau - before.tau)
     (change,) = changes_of((one, replace(before, tau=tau)), vendor()).during
@@ -289,9 +260,8 @@ def test_what_rises_evenly_is_one_change_that_takes_a_while(
 
 def warming() -> tuple[Recording, Recording]:
     """A recording of a warm arm, and one in which 1.5 N m of friction go while it warms up."""
-    one, before = recordings(STEADY, 1, duration=9.0)[:2]
     stiff, _ = CHANGED["coulomb_friction", 2]
-    cold = recordings(stiff, 1, duration=9.0)[1]
+    (one, before), (_, cold) = nine_seconds(HEALTHY), nine_seconds(stiff)
     risen = np.clip((before.t - 3.0) / 4.0, 0.0, 1.0)[:, None]
     tau = cold.tau + risen * (before.tau - cold.tau)
     warmth = 20.0 + 30.0 * risen * np.ones((1, 3))
@@ -319,7 +289,7 @@ def test_what_changes_at_the_last_moment_is_no_error() -> None:
 
 @pytest.mark.parametrize("joint", daily((1, 2), 1))
 def test_an_encoder_that_slips(joint: int) -> None:
-    one, before = recordings(STEADY, 1, duration=9.0)[:2]
+    one, before = nine_seconds(HEALTHY)
     q = before.q.copy()
     q[before.t >= MOMENT, joint - 1] += np.radians(2.0)
     (change,) = changes_of((one, replace(before, q=q)), vendor()).during

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import each
 
 from gapscope.arm.case import Case
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, attempt, replay_gap
@@ -17,13 +18,8 @@ PAYLOAD = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.02, 0.06]})
 
 @pytest.fixture(scope="module")
 def case() -> Case:
-    return record_case(
-        "loaded",
-        iiwa(),
-        (PAYLOAD,),
-        Plan(recordings=2, duration=2.0),
-        np.random.default_rng(1),
-    )
+    plan, rng = Plan(recordings=2, duration=2.0), np.random.default_rng(1)
+    return record_case("loaded", iiwa(), (PAYLOAD,), plan, rng)
 
 
 def replayed(case: Case) -> ReplayGap:
@@ -31,31 +27,29 @@ def replayed(case: Case) -> ReplayGap:
     return replay_gap(case, case.recordings[-1], {"payload": PAYLOAD})
 
 
-def test_the_effects_found_close_it(case: Case) -> None:
-    found = replayed(case)
-    assert found.warnings == () and found.before.shape == (7,)
-    assert found.after.max() < 1e-3 and found.after.mean() < 0.05 * found.before.mean()
+@pytest.fixture(scope="module")
+def whole(case: Case) -> ReplayGap:
+    return replayed(case)
 
 
-def test_the_only_effect_alone_closes_what_all_do_and_without_it_nothing_is_closed(
-    case: Case,
-) -> None:
-    found = replayed(case)
-    assert list(found.only) == list(found.without) == ["payload"]
-    np.testing.assert_array_equal(found.only["payload"], found.after)
-    np.testing.assert_array_equal(found.without["payload"], found.before)
+def test_the_effects_found_close_it(whole: ReplayGap) -> None:
+    assert whole.warnings == () and whole.before.shape == (7,)
+    assert whole.after.max() < 1e-3 and whole.after.mean() < 0.05 * whole.before.mean()
+    # the only effect alone closes what all do, and without it nothing is closed
+    assert list(whole.only) == list(whole.without) == ["payload"]
+    np.testing.assert_array_equal(whole.only["payload"], whole.after)
+    np.testing.assert_array_equal(whole.without["payload"], whole.before)
 
 
-def test_another_engine_says_the_same(case: Case) -> None:
+def test_another_engine_says_the_same(whole: ReplayGap) -> None:
     pytest.importorskip("mujoco")
-    found = replayed(case)
-    before, after = found.elsewhere["mujoco"]
-    np.testing.assert_allclose(before, found.before, rtol=0.02, atol=2e-5)
+    before, after = whole.elsewhere["mujoco"]
+    np.testing.assert_allclose(before, whole.before, rtol=0.02, atol=2e-5)
     assert after.mean() < 0.05 * before.mean()
 
 
-def test_a_part_of_a_recording_is_replayed_alone(case: Case) -> None:
-    whole, last = replayed(case), case.recordings[-1]
+def test_a_part_of_a_recording_is_replayed_alone(case: Case, whole: ReplayGap) -> None:
+    last = case.recordings[-1]
     part = replay_gap(case, last.part(last.t >= 1.0), {"payload": PAYLOAD})
     assert not np.allclose(whole.before, part.before)
     assert part.after.mean() < 0.05 * part.before.mean()
@@ -63,16 +57,13 @@ def test_a_part_of_a_recording_is_replayed_alone(case: Case) -> None:
 
 @pytest.mark.parametrize("unknown", ["controller", "reference"])
 def test_without_controller_or_reference_the_recorded_torque_moves_the_arm(
-    case: Case, unknown: str
+    case: Case, whole: ReplayGap, unknown: str
 ) -> None:
-    bare = tuple(replace(recording, q_ref=None) for recording in case.recordings)
-    less = (
-        replace(case, controller=None)
-        if unknown == "controller"
-        else replace(case, recordings=bare)
-    )
-    through, driven = replayed(case), replayed(less)
-    assert (through.by, driven.by) == ("controller", "torque")
+    if unknown == "controller":
+        driven = replayed(replace(case, controller=None))
+    else:
+        driven = replayed(each(case, lambda r: replace(r, q_ref=None)))
+    assert (whole.by, driven.by) == ("controller", "torque")
     assert not driven.warnings and driven.after.mean() < 0.5 * driven.before.mean()
 
 
@@ -82,11 +73,9 @@ def test_an_arm_that_runs_away_is_null_with_a_warning(case: Case) -> None:
     unlimited = replace(case.arm, torque_limit=None)
     found = replayed(replace(case, arm=unlimited, controller=gains))
     assert found.before is None and found.after is None
-    assert [
-        "nominal arm" in found.warnings[0],
-        "corrected arm" in found.warnings[1],
-    ] == [True, True]
-    assert all("diverged" in warning for warning in found.warnings)
+    nominal, corrected = found.warnings
+    assert "nominal arm" in nominal and "corrected arm" in corrected
+    assert "diverged" in nominal and "diverged" in corrected
 
 
 def test_an_effect_that_cannot_be_simulated_is_explained(case: Case) -> None:

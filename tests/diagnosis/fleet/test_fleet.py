@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 from dataclasses import replace
 from itertools import combinations
@@ -134,27 +133,17 @@ def rubbing(*torque: float) -> Found:
 
 def test_each_kind() -> None:
     play = ("backlash", [3], {"width": ([0.01], [0.001])})
-    units = (
-        unit(rubbing(1.0, 2.0), play, PAYLOAD),
-        unit(rubbing(1.1, 4.0), PAYLOAD),
-        unit(rubbing(0.9, 2.0)),
-    )
+    first = unit(rubbing(1.0, 2.0), play, PAYLOAD)
+    found = kinds(first, unit(rubbing(1.1, 4.0), PAYLOAD), unit(rubbing(0.9, 2.0)))
     expected = {(FRICTION, 1): SHARED, (FRICTION, 2): DIFFERING}
-    expected |= {("payload", None): SOME, ("backlash", 3): ONE}
-    assert kinds(*units) == expected
+    assert found == expected | {("payload", None): SOME, ("backlash", 3): ONE}
 
 
 def test_links_are_kept_apart_and_phases_repeat_after_a_turn() -> None:
-    links = {
-        str(link): unit(
-            ("link_inertia", [], {"link": (link, None), "mass": (0.5, 0.1)})
-        )
-        for link in (2, 3)
-    }
-    assert [(row["link"], row["kind"]) for row in compare(links)] == [
-        (2, ONE),
-        (3, ONE),
-    ]
+    values = ({"link": (link, None), "mass": (0.5, 0.1)} for link in (2, 3))
+    links = [unit(("link_inertia", [], value)) for value in values]
+    rows = compare({"a": links[0], "b": links[1]})
+    assert [(row["link"], row["kind"]) for row in rows] == [(2, ONE), (3, ONE)]
     phases = (0.02, 2 * np.pi - 0.02)
     turned = (unit((RIPPLE, [1], {"phase": ([phase], [0.05])})) for phase in phases)
     assert kinds(*turned) == {(RIPPLE, 1): SHARED}
@@ -251,9 +240,8 @@ def test_a_unit_whose_case_cannot_be_predicted_takes_no_part(
 @pytest.fixture
 def content(tmp_path: Path) -> dict[str, Any]:
     """Two units compared, without recordings; a third whose set-up is at fault."""
-    found = {
-        name: coulomb([1.0, x], None, [2, 5]) for name, x in (("a", 2.0), ("b", 3.0))
-    }
+    found = {"a": coulomb([1.0, 2.0], None, [2, 5])}
+    found["b"] = coulomb([1.0, 3.0], None, [2, 5])
     found["c"] = unit(("sign_flip", [2], {}))
     units = [FleetUnit(n, tmp_path / n, tmp_path / f"{n}.yaml") for n in found]
     (group,), alone = grouped(found, units)
@@ -263,34 +251,19 @@ def content(tmp_path: Path) -> dict[str, Any]:
     rows = {"nominal": np.array([0.5, 0.4]), "a": same, "b": same}
     unread = ConfusionColumn("b", {}, "cannot be read")
     compared = [(group, [ConfusionColumn("a", rows), unread])]
-    own = [
-        {
-            "unit": "b",
-            "what": "friction",
-            "joints": [5],
-            "probability": 0.99,
-            "parameters": {"coulomb": {"unit": "N m", "value": 1.0, "std": 0.01}},
-        }
-    ]
-    return units_document(compared, ["d"], [own])
+    parameters = {"coulomb": {"unit": "N m", "value": 1.0, "std": 0.01}}
+    own = {"unit": "b", "what": "friction", "joints": [5], "probability": 0.99}
+    return units_document(compared, ["d"], [[own | {"parameters": parameters}]])
 
 
-def test_the_document_is_whole_and_plain_json(
-    content: dict[str, Any], tmp_path: Path
-) -> None:
-    write_json(content, tmp_path / "units.json")
-    read = (tmp_path / "units.json").read_text(encoding="utf-8")
-    assert json.loads(read) == content and content["alone"] == ["d"]
+def test_the_document_is_whole_and_plain_json(content: dict[str, Any]) -> None:
+    assert json.loads(json.dumps(content, allow_nan=False)) == content
+    assert content["alone"] == ["d"]
     confusion = content["groups"][0]["confusion"]
-    assert set(confusion.pop("left_out")) == {"b", "c"}
-    expected = {
-        "rows": ["nominal", "a", "b"],
-        "columns": ["a"],
-        "torque_nrmse": [[0.45], [0.1], [0.1]],
-        "best": {"a": "a"},
-        "confused_with": {"a": ["b"]},
-    }
-    assert {key: confusion[key] for key in expected} == expected
+    assert set(confusion["left_out"]) == {"b", "c"}
+    assert (confusion["rows"], confusion["columns"]) == (["nominal", "a", "b"], ["a"])
+    assert confusion["torque_nrmse"] == [[0.45], [0.1], [0.1]]
+    assert (confusion["best"], confusion["confused_with"]) == ({"a": "a"}, {"a": ["b"]})
 
 
 def test_units_in_words(content: dict[str, Any]) -> None:
@@ -323,10 +296,9 @@ def test_units_in_the_summary_with_names_escaped(tmp_path: Path) -> None:
         document["arm"]["robot"] = evil
     units = [FleetUnit(name, tmp_path, tmp_path) for name in found]
     (group, *_), alone = grouped(found, units)
-    sizes = {"nominal": 0.5, evil: 0.1, "b": 0.3}
-    rows = {key: np.array([x]) for key, x in sizes.items()}
-    columns = [ConfusionColumn(evil, rows)]
-    columns.append(ConfusionColumn("b", rows | {"b": np.array([0.05])}))
+    rows = {"nominal": np.array([0.5]), evil: np.array([0.1]), "b": np.array([0.3])}
+    told_apart = rows | {"b": np.array([0.05])}
+    columns = [ConfusionColumn(evil, rows), ConfusionColumn("b", told_apart)]
     page = tmp_path / "s.html"
     cases = [Row(name, name, document) for name, document in found.items()]
     render_summary(cases, page, units_document([(group, columns)], alone, [None]))
@@ -421,47 +393,42 @@ def test_scatter_is_seen_beside_changes() -> None:
 # Ranges from the files of diagnoses: which deviation belongs to which value, and files that do not fit.
 
 
-def written(folder: Path, delay: list[float], std: Any) -> CorrectedArm:
-    """The files of a diagnosis with a delay of joints 4 and 5."""
+def written(
+    folder: Path, delay: list[float], std: list[Any]
+) -> tuple[CorrectedArm, Path]:
+    """The files of a diagnosis with a delay of joints 4 and 5: its corrected arm."""
     folder.mkdir()
-    document = copy.deepcopy(documents.one_possible())
+    document = documents.one_possible()
     (finding,) = document["effects"]
     finding["parameters"] = {"delay": {"unit": "s", "value": delay, "std": std}}
     write_json(document, folder / "diagnosis.json")
     effects = (AppliedEffect("actuator_delay", (4, 5), {"delay": delay}),)
-    write_corrected("unit", effects, folder / "corrected.yaml")
-    return CorrectedArm(load_nominal_arm("xarm6"), effects)
+    file = folder / "corrected.yaml"
+    write_corrected("unit", effects, file)
+    return CorrectedArm(load_nominal_arm("xarm6"), effects), file
 
 
-def test_one_unit_has_the_intervals_of_its_diagnosis(tmp_path: Path) -> None:
-    arm = written(tmp_path / "a", [0.008, 0.014], [0.001, None])
-    (found,) = read_ranges(tmp_path / "a" / "corrected.yaml", arm, ()).ranges
-    value, half = np.array([0.008, 0.014]), np.array([0.00196, 0.0])
-    assert found.low.parameters["delay"] == pytest.approx(value - half)
-    assert found.high.parameters["delay"] == pytest.approx(value + half)
-
-
-def test_two_units_span_both(tmp_path: Path) -> None:
-    arm = written(tmp_path / "a", [0.008, 0.014], [0.0, 0.0])
+def test_ranges_are_the_intervals_of_one_unit_or_span_those_of_several(
+    tmp_path: Path,
+) -> None:
+    arm, file = written(tmp_path / "a", [0.008, 0.014], [0.001, None])
+    (found,) = read_ranges(file, arm, ()).ranges
+    assert found.low.parameters["delay"] == pytest.approx([0.00604, 0.014])
+    assert found.high.parameters["delay"] == pytest.approx([0.00996, 0.014])
     written(tmp_path / "b", [0.010, 0.012], [0.0, 0.0])
-    file = tmp_path / "a" / "corrected.yaml"
     (found,) = read_ranges(file, arm, (tmp_path / "b",)).ranges
-    assert found.low.parameters["delay"] == pytest.approx([0.008, 0.012])
+    assert found.low.parameters["delay"] == pytest.approx([0.00604, 0.012])
     assert found.high.parameters["delay"] == pytest.approx([0.010, 0.014])
 
 
-def test_a_changed_file_is_not_given_the_intervals_of_another(tmp_path: Path) -> None:
-    written(tmp_path / "a", [0.008, 0.014], [0.0, 0.0])
-    effects = (AppliedEffect("actuator_delay", (4, 5), {"delay": [0.008, 0.02]}),)
-    write_corrected("unit", effects, tmp_path / "a" / "corrected.yaml")
-    arm = CorrectedArm(load_nominal_arm("xarm6"), effects)
+def test_a_file_without_its_own_diagnosis_has_no_ranges(tmp_path: Path) -> None:
+    arm, file = written(tmp_path / "a", [0.008, 0.014], [0.0, 0.0])
+    diagnosis = file.with_name("diagnosis.json")
+    other = (AppliedEffect("actuator_delay", (4, 5), {"delay": [0.008, 0.02]}),)
+    write_corrected("unit", other, file)
     with pytest.raises(InputError, match="no actuator_delay with the values") as error:
-        read_ranges(tmp_path / "a" / "corrected.yaml", arm, ())
-    assert error.value.file == tmp_path / "a" / "diagnosis.json"
-
-
-def test_a_missing_diagnosis_is_told(tmp_path: Path) -> None:
-    arm = written(tmp_path / "a", [0.008, 0.014], [0.0, 0.0])
-    (tmp_path / "a" / "diagnosis.json").unlink()
+        read_ranges(file, CorrectedArm(arm.arm, other), ())
+    assert error.value.file == diagnosis
+    diagnosis.unlink()
     with pytest.raises(InputError, match=r"diagnosis\.json"):
-        read_ranges(tmp_path / "a" / "corrected.yaml", arm, ())
+        read_ranges(file, arm, ())

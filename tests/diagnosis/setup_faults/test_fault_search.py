@@ -20,11 +20,7 @@ from gapscope.diagnosis.setup_faults.clocks import (
     lost,
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, merged
-from gapscope.effects.setup_faults import (
-    JointSwap,
-    SignFlip,
-    UnitMismatch,
-)
+from gapscope.effects.setup_faults import JointSwap, SignFlip, UnitMismatch
 
 # Findings of one fault on several joints become one finding.
 
@@ -34,13 +30,12 @@ def flip(joint: int, probability: float = 0.9) -> FoundFault:
 
 
 def test_values_are_sorted_with_their_joints() -> None:
-    first, second = (
-        FoundFault(
-            UnitMismatch("motor_side", (joint,), ratio), 0.9, {"ratio": (0.1 * ratio,)}
-        )
-        for joint, ratio in ((2, 50.0), (1, 100.0))
+    one, other = (
+        UnitMismatch("motor_side", (2,), 50.0),
+        UnitMismatch("motor_side", (1,), 100.0),
     )
-    (found,) = merged((first, second))
+    first = FoundFault(one, 0.9, {"ratio": (5.0,)})
+    (found,) = merged((first, FoundFault(other, 0.9, {"ratio": (10.0,)})))
     assert found.fault == UnitMismatch("motor_side", (1, 2), (100.0, 50.0))
     assert found.std == {"ratio": (10.0, 5.0)}
     torque = found.reading(3).torque(np.ones((1, 3)))
@@ -104,14 +99,10 @@ def test_without_a_data_sheet_only_what_matters_is_named() -> None:
 
 @pytest.mark.shared_data
 def test_a_12_bit_servo_is_known_by_its_positions(data_root: Path) -> None:
-    case = load_case(
-        Path(__file__).parents[3] / "experiments" / "cases" / "so101.yaml",
-        data_root=data_root,
-    )
-    (found,) = find_quantization(case)
-    np.testing.assert_allclose(
-        found.fault.values()["step"][:5], 2 * np.pi / 4096, rtol=1e-4
-    )
+    file = Path(__file__).parents[3] / "experiments" / "cases" / "so101.yaml"
+    (found,) = find_quantization(load_case(file, data_root=data_root))
+    step = found.fault.values()["step"]
+    np.testing.assert_allclose(step[:5], 2 * np.pi / 4096, rtol=1e-4)
 
 
 @pytest.mark.shared_data

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import synthetic
 import yaml
+from cases import each
 from fault_examples import FAULTS
 
 from gapscope.arm.case import Case, load_case
@@ -18,7 +19,7 @@ from gapscope.arm.control import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case
-from gapscope.arm.recording import CHANNELS
+from gapscope.arm.recording import CHANNELS, Recording
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.references import OtherGainsAtWork
 from gapscope.effects.setup_faults import FAULTS as CATALOGUE
@@ -74,12 +75,8 @@ def assert_sound(case: Case, least: float = 1.0) -> None:
         assert len(given.t) >= least * len(kept.t)
         rows = np.searchsorted(kept.t, given.t - 1e-6)
         for channel in ("t", "q", "tau"):
-            np.testing.assert_allclose(
-                getattr(given, channel),
-                getattr(kept, channel)[rows],
-                rtol=1e-5,
-                atol=1e-5,
-            )
+            read, right = getattr(given, channel), getattr(kept, channel)[rows]
+            np.testing.assert_allclose(read, right, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("label", MENDED)
@@ -117,15 +114,12 @@ def test_references_and_controller_are_read_as_the_diagnosis_reads_them(
     fault, line = OF_REFERENCES[label]
     diagnosed = found(fault)
     gains = {"kp": np.full(N, 80.0), "kd": np.full(N, 4.0)}
-    referred = tuple(
-        replace(r, q_ref=r.q + 0.01 * np.sin(r.q), dq=0.9 * r.q, dq_ref=r.q)
-        for r in sound().recordings
-    )
-    case = replace(
-        sound(),
-        recordings=referred,
-        controller=PD(rate=500.0, velocity_cutoff=50.0, **gains),
-    )
+
+    def referred(r: Recording) -> Recording:
+        return replace(r, q_ref=r.q + 0.01 * np.sin(r.q), dq=0.9 * r.q, dq_ref=r.q)
+
+    controller = PD(rate=500.0, velocity_cutoff=50.0, **gains)
+    case = replace(each(sound(), referred), controller=controller)
     file = write_case(case, tmp_path / "case", ending="npz")
     bad = load_case(file)
     first, *_ = write_mended_case((diagnosed,), bad, lambda: file, tmp_path)
@@ -229,9 +223,8 @@ def test_stamps_of_some_files_alone(tmp_path: Path) -> None:
     case = sound()
     first, *others = case.recordings
     first = replace(first, t=1e3 * first.t)
-    file = write_case(
-        replace(case, recordings=(first, *others)), tmp_path / "case", ending="npz"
-    )
+    stamped = replace(case, recordings=(first, *others))
+    file = write_case(stamped, tmp_path / "case", ending="npz")
     name = load_case(file, any_unit=True).recordings[0].name
     diagnosed = replace(found(FAULTS["milliseconds"]), recordings=(name,))
     made, *_ = write_mended_case((diagnosed,), case, lambda: file, tmp_path)
@@ -246,9 +239,8 @@ def test_a_mend_that_does_not_fit_the_arm_is_refused(tmp_path: Path) -> None:
         ({"columns": [1, 2, 4]}, "expected each of the numbers 1 to 3 once"),
         ({"scale": [1.0, 2.0]}, "import.mend.motion.scale: expected 3 entries"),
     ):
-        file.write_text(
-            yaml.safe_dump(content | {"import": {"mend": {"motion": entry}}})
-        )
+        section = {"import": {"mend": {"motion": entry}}}
+        file.write_text(yaml.safe_dump(content | section))
         with pytest.raises(InputError) as caught:
             load_case(file)
         assert message in str(caught.value)

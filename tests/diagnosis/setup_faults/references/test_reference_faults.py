@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 import pytest
 import synthetic
+from cases import each
 from sweeps import daily
 from synthetic import Truth
 
@@ -47,10 +48,8 @@ ORDINARY = {
 @cache
 def under_pd(label: str) -> Case:
     """A case with its references and controller; the torque recorded is the one commanded."""
-    case = synthetic.case(ORDINARY[label], seed=3)
-    recordings = tuple(map(_with_references, case.recordings))
-    controller = PD(rate=synthetic.RATE, kp=KP, kd=KD)
-    return replace(case, recordings=recordings, controller=controller)
+    case = each(synthetic.case(ORDINARY[label], seed=3), _with_references)
+    return replace(case, controller=PD(rate=synthetic.RATE, kp=KP, kd=KD))
 
 
 def _with_references(recording: Recording) -> Recording:
@@ -72,8 +71,7 @@ def with_fault(case: Case, fault: Fault) -> Case:
 
 
 def without_torque(case: Case) -> Case:
-    recordings = tuple(replace(r, tau=None) for r in case.recordings)
-    return replace(case, recordings=recordings)
+    return each(case, lambda r: replace(r, tau=None))
 
 
 @pytest.mark.parametrize("label", daily(ORDINARY, "healthy", "payload"))
@@ -95,7 +93,9 @@ def test_a_torque_that_is_its_law_to_the_last_digit_is_right() -> None:
     assert right.controller == case.controller and (found, told) == ((), None)
 
 
-FAULTS: dict[str, tuple[Fault, str, dict[str, float]]] = {
+Expected = tuple[Fault, str, dict[str, float]]
+GAINS = {"kp_factor": 3.0, "kd_factor": 0.4}
+FAULTS: dict[str, Expected] = {
     "velocity of the reference": (VelocityOfReference(), "", {}),
     "velocity reference ignored": (
         IgnoredVelocityReference(0.075),
@@ -107,27 +107,20 @@ FAULTS: dict[str, tuple[Fault, str, dict[str, float]]] = {
     "held at 50 Hz": (CoarseReference("held", 0.02), "held", {"period": 0.02}),
     "held at 10 Hz": (CoarseReference("held", 0.1), "held", {"period": 0.1}),
     "interpolated at 25 Hz": (
-        CoarseReference("interpolated", 0.04),
-        "interpolated",
+        *(CoarseReference("interpolated", 0.04), "interpolated"),
         {"period": 0.04},
     ),
-    "gains of a firmware": (
-        GainMismatch((3.0,), (0.4,)),
-        "",
-        {"kp_factor": 3.0, "kd_factor": 0.4},
-    ),
+    "gains of a firmware": (GainMismatch((3.0,), (0.4,)), "", GAINS),
     "computed with other gains": (
-        UnmeasuredTorque((80.0,), (2.5,)),
-        "",
+        *(UnmeasuredTorque((80.0,), (2.5,)), ""),
         {"kp": 80.0, "kd": 2.5},
     ),
 }
+DAILY = set(FAULTS) - {"nine tenths of the speed", "held at 10 Hz"}
 
 
 @pytest.mark.parametrize("arm", daily(("healthy", "friction"), "healthy"))
-@pytest.mark.parametrize(
-    "label", daily(FAULTS, *set(FAULTS) - {"nine tenths of the speed", "held at 10 Hz"})
-)
+@pytest.mark.parametrize("label", daily(FAULTS, *DAILY))
 def test_faults_are_found_with_their_values(label: str, arm: str) -> None:
     fault, variant, values = FAULTS[label]
     _, (found,) = find_reference_faults(with_fault(under_pd(arm), fault))
@@ -155,31 +148,27 @@ def test_what_is_put_right_commands_the_torque_of_the_right_set_up(
     commanded = with_commanded_torque(without_torque(repaired))
     for right, given in zip(case.recordings, commanded.recordings, strict=True):
         assert right.tau is not None and given.tau is not None
-        count = len(given.t)
-        inner = slice(25, count - 25)
-        error = given.tau[inner] - right.tau[:count][inner]
-        deviation = right.tau.std(axis=0)
-        assert (np.median(np.abs(error), axis=0) < tolerance * deviation).all()
+        error = (given.tau - right.tau[: len(given.t)])[25:-25]
+        most = tolerance * right.tau.std(axis=0)
+        assert (np.median(np.abs(error), axis=0) < most).all()
 
 
 def test_a_wrong_gravity_in_the_feedforward_does_not_pass_for_gains() -> None:
     """The case states gravity upside down; under a load position errors go with gravity, as if gains were larger."""
     case = under_pd("healthy")
     body = RigidBody(case.arm)
-    recordings = []
-    for r in case.recordings:
+
+    def loaded(r: Recording) -> Recording:
+        """The controller fed the right gravity forward; a load of a fifth of it is left to the tracking error."""
         still = np.zeros_like(r.q)
-        gravity = body.inverse_dynamics(r.q, still, still)
-        # the controller fed the right gravity forward; a load of a fifth of it is left to the tracking error
-        followed = _with_references(replace(r, tau=0.2 * gravity))
+        load = 0.2 * body.inverse_dynamics(r.q, still, still)
+        followed = _with_references(replace(r, tau=load))
         fed = body.inverse_dynamics(followed.q_ref, still, still)
-        recordings.append(replace(followed, tau=fed + 0.2 * gravity))
-    given = replace(
-        case,
-        recordings=tuple(recordings),
-        controller=replace(case.controller, feedforward="gravity"),
-        arm=replace(case.arm, gravity=-case.arm.gravity),
-    )
+        return replace(followed, tau=fed + load)
+
+    controller = replace(case.controller, feedforward="gravity")
+    turned = replace(case.arm, gravity=-case.arm.gravity)
+    given = replace(each(case, loaded), controller=controller, arm=turned)
     assert find_reference_faults(given)[1] == ()
 
 
@@ -207,29 +196,25 @@ def test_gains_are_not_doubted_on_a_log_at_100_hz_of_a_fast_reference() -> None:
 
 
 def test_steps_that_the_torque_follows_are_no_fault() -> None:
-    case = under_pd("healthy")
-    stepped = with_fault(case, CoarseReference("held", 0.04))
-    followed = tuple(
-        replace(r, tau=KP * (r.q_ref - r.q) + KD * (r.dq_ref - r.dq))
-        for r in stepped.recordings
-    )
-    _, found = find_reference_faults(replace(stepped, recordings=followed))
+    def following(r: Recording) -> Recording:
+        return replace(r, tau=KP * (r.q_ref - r.q) + KD * (r.dq_ref - r.dq))
+
+    stepped = with_fault(under_pd("healthy"), CoarseReference("held", 0.04))
+    _, found = find_reference_faults(each(stepped, following))
     assert "coarse_reference" not in {fault.name for fault in found}
 
 
 def test_an_arm_led_by_hand_has_its_own_velocity() -> None:
-    case = synthetic.case(Truth(), seed=3)
-    led = []
-    for r in case.recordings:
+    def led(r: Recording) -> Recording:
         dq = np.gradient(r.q, r.t, axis=0)
-        led.append(replace(r, dq=dq, q_ref=r.q, dq_ref=dq))
-    assert find_reference_faults(replace(case, recordings=tuple(led)))[1] == ()
+        return replace(r, dq=dq, q_ref=r.q, dq_ref=dq)
+
+    assert find_reference_faults(each(synthetic.case(Truth(), 3), led))[1] == ()
 
 
 def test_wrong_stamps_do_not_make_a_velocity_the_references() -> None:
-    case = under_pd("healthy")
-    recordings = tuple(replace(r, t=1.3 * r.t) for r in case.recordings)
-    _, found = find_reference_faults(replace(case, recordings=recordings))
+    slower = each(under_pd("healthy"), lambda r: replace(r, t=1.3 * r.t))
+    _, found = find_reference_faults(slower)
     assert "velocity_of_reference" not in {fault.name for fault in found}
 
 
