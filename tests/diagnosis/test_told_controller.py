@@ -26,9 +26,11 @@ from gapscope.envs.recorder import Plan, record_case
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]})
 
 
-def recorded(feedforward: str, *effects: AppliedEffect) -> Case:
-    """Three simulated recordings under PD."""
-    plan, rng = Plan(recordings=3, duration=8.0), np.random.default_rng(1)
+@cache
+def recorded(feedforward: str, rubs: bool = False, count: int = 2) -> Case:
+    """Simulated recordings under PD, of an arm with more friction or without."""
+    plan, rng = Plan(recordings=count, duration=8.0), np.random.default_rng(1)
+    effects = (COULOMB,) if rubs else ()
     first = record_case("told", synthetic.arm(), (), replace(plan, recordings=1), rng)
     assert isinstance(first.controller, PD)
     controller = replace(first.controller, feedforward=feedforward)
@@ -42,55 +44,38 @@ def bare(case: Case) -> Case:
     return replace(each(case, lambda r: replace(r, tau=None)), controller=None)
 
 
-@cache
-def diagnosed() -> tuple[Case, gapscope.DiagnosisResult]:
-    """An arm with more friction, without feedforward."""
-    case = recorded("none", COULOMB)
-    return case, gapscope.diagnose(bare(case))
+@pytest.fixture(scope="module")
+def rubbing() -> dict[str, Any]:
+    """The diagnosis of an arm with more friction, without feedforward."""
+    return dict(gapscope.diagnose(bare(recorded("none", rubs=True))).document)
 
 
-def entry() -> tuple[PD, dict[str, Any]]:
-    """The controller at work, and what is told of it."""
-    case, found = diagnosed()
-    assert isinstance(case.controller, PD)
-    return case.controller, found.document["controller"]
-
-
-def test_the_gains_are_within_their_intervals() -> None:
-    true, told = entry()
+def test_gains_are_told_with_intervals_and_an_effect_beside_them(
+    rubbing: dict[str, Any],
+) -> None:
+    validate(rubbing)
+    told, true = rubbing["controller"], recorded("none", rubs=True).controller
+    assert isinstance(true, PD)
     assert (told["kind"], told["feedforward"], told["not_told"]) == ("pd", "none", [])
     assert told["follows_velocity"] and told["delay"] < 0.01
     for name in ("kp", "kd"):
-        for value, (low, high), at_work in zip(
-            told[name]["value"],
-            told[name]["interval"],
-            getattr(true, name),
-            strict=True,
-        ):
-            assert low < value < high < 2.5 * low
-            if name == "kp":
-                assert low < at_work < high
-
-
-def test_an_effect_is_found_beside_them() -> None:
-    _, found = diagnosed()
-    validate(found.document)
-    effect = found.document["effects"][0]
+        low, high = np.transpose(told[name]["interval"])
+        assert (low < told[name]["value"]).all() and (told[name]["value"] < high).all()
+        assert (high < 2.5 * low).all()
+        if name == "kp":
+            assert (low < true.kp).all() and (true.kp < high).all()
+    effect = rubbing["effects"][0]
     assert (effect["effect"], effect["joints"]) == ("coulomb_friction", [2])
     assert effect["parameters"]["torque"]["value"] == pytest.approx([4.0], rel=0.15)
-    assert found.document["torque_from"] == "controller"
-
-
-def test_the_line_to_paste_is_said() -> None:
-    _, told = entry()
+    assert rubbing["torque_from"] == "controller"
+    # the line to paste
     assert told["declare"].startswith("controller: {kind: pd, rate: 1000, kp: [")
-    text = " ".join(str(w) for w in diagnosed()[1].document["warnings"])
+    text = " ".join(map(str, rubbing["warnings"]))
     assert told["declare"] in text and "relative to these masses" in text
 
 
 def test_identify_takes_the_same_gains() -> None:
-    case, _ = diagnosed()
-    found = gapscope.identify(bare(case)).identification
+    found = gapscope.identify(bare(recorded("none", rubs=True))).identification
     (said,) = (w for w in found.case.warnings if "neither torque" in w)
     assert "controller: {kind: pd" in said
 
@@ -122,7 +107,7 @@ def test_a_feedforward_that_is_declared_wrongly_is_named(
 
 
 def test_commands_that_act_late_are_named() -> None:
-    case = recorded("gravity")
+    case = recorded("gravity", count=3)
 
     def ahead(r: Recording) -> Recording:
         assert r.q_ref is not None and r.dq_ref is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -15,6 +16,7 @@ from cases import case_of, each
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.motions.trajectory import Fourier
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.next_recording import (
     Advice,
@@ -37,23 +39,30 @@ DELAY = AppliedEffect("actuator_delay", (3,), {"delay": [0.012]})
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
 
 
+def case_of_two(
+    name: str, truth: synthetic.Truth, motions: Sequence[Fourier], seed: int
+) -> Case:
+    """Two recordings of an arm."""
+    rng = np.random.default_rng(seed)
+    made = (
+        synthetic.recording(truth, moved, rng, f"{name}_{k}.csv")
+        for k, moved in enumerate(motions)
+    )
+    return case_of(name, synthetic.arm(), *made)
+
+
 def slow_case(truth: synthetic.Truth, seed: int = 1, first: int = 0) -> Case:
     """Two slow motions."""
-    rng, recordings = np.random.default_rng(seed), []
-    for k, frequency in enumerate((0.04, 0.05)):
-        moved = synthetic.motion(first + k, frequency, 20.0)
-        recordings.append(synthetic.recording(truth, moved, rng, f"slow_{k}.csv"))
-    return case_of("slow", synthetic.arm(), *recordings)
+    frequencies = enumerate((0.04, 0.05), first)
+    moved = [synthetic.motion(k, frequency, 20.0) for k, frequency in frequencies]
+    return case_of_two("slow", truth, moved, seed)
 
 
 def case_at_one_load(truth: synthetic.Truth) -> Case:
     """Small motions about one posture: the load hardly changes."""
-    rng, recordings = np.random.default_rng(2), []
-    for k in range(2):
-        wide = synthetic.motion(20 + k, 0.2, 10.0)
-        small = replace(wide, sine=0.15 * wide.sine, cosine=0.15 * wide.cosine)
-        recordings.append(synthetic.recording(truth, small, rng, f"small_{k}.csv"))
-    return case_of("one load", synthetic.arm(), *recordings)
+    wide = (synthetic.motion(k, 0.2, 10.0) for k in (20, 21))
+    small = [replace(m, sine=0.15 * m.sine, cosine=0.15 * m.cosine) for m in wide]
+    return case_of_two("small", truth, small, 2)
 
 
 def document(effect: AppliedEffect, rival: str, **more: Any) -> dict[str, Any]:
@@ -96,10 +105,23 @@ def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() ->
     assert "Still open: actuator delay (joint 3)" in text and "nats" in text
 
 
-def test_limits_are_kept_at_every_sample() -> None:
-    case = slow_case(synthetic.Truth(delay=(0.0, 0.0, 0.012)))
-    advice = advised(case, DELAY, "actuator_lag", fastest=0.5)
+@cache
+def rubbing() -> Case:
+    return case_at_one_load(synthetic.Truth(coulomb=(0.0, 2.0, 0.0)))
+
+
+def test_coulomb_at_one_load_leads_to_a_motion_over_many_loads_within_limits() -> None:
+    """A payload is mounted only where it is worth it."""
+    light = KnownLoad(0.2)
+    advice = advised(rubbing(), COULOMB, "load_friction", payload=light, fastest=0.5)
+    [pair] = advice.pairs
+    # ten times as much if one predicts without its friction
+    assert 50 < pair.evidence < 500 and pair.joint == 2
     assert advice.excitation is not None and advice.option is not None
+    assert advice.option.payload is None
+    assert {option.payload for option, _ in advice.tried} == {None, light}
+    assert "not" in lines(advice, document(COULOMB, "load_friction"))[-1]
+    # limits are kept at every sample
     assert all(margin.kept for margin in advice.excitation.margins)
     motion = advice.excitation.motion
     most = [np.abs(series).max() for series in (motion.q, motion.dq, motion.ddq)]
@@ -108,49 +130,23 @@ def test_limits_are_kept_at_every_sample() -> None:
     assert advice.option.speed in ("slow", "moderate")
 
 
-@cache
-def rubbing() -> Case:
-    return case_at_one_load(synthetic.Truth(coulomb=(0.0, 2.0, 0.0)))
-
-
-def test_coulomb_at_one_load_leads_to_a_motion_over_many_loads() -> None:
-    advice = advised(rubbing(), COULOMB, "load_friction")
-    [pair] = advice.pairs
-    # ten times as much if one predicts without its friction
-    assert 50 < pair.evidence < 500 and pair.joint == 2
-
-
-def test_a_payload_is_mounted_only_where_it_is_worth_it() -> None:
-    light = {"payload": KnownLoad(0.2), "fastest": 0.5}
-    advice = advised(rubbing(), COULOMB, "load_friction", **light)
-    assert advice.option is not None and advice.option.payload is None
-    assert {option.payload for option, _ in advice.tried} == {None, KnownLoad(0.2)}
-    assert "not" in lines(advice, document(COULOMB, "load_friction"))[-1]
-
-
 def test_a_payload_to_mount_is_told_as_lines_of_the_case() -> None:
     load = KnownLoad(2.0, (0.0, 0.0, 0.05))
-    question = Question(
-        "coulomb_friction", (2,), 0, "load_friction", (2,), 0.4, "this", "that"
-    )
-    advice = Advice(
-        (question,),
-        pairs=(ExpectedEvidence(0, 1, 30.0, 2),),
-        option=MotionOption("slow", load),
-    )
+    rival = "load_friction", (2,), 0.4, "this", "that"
+    question = Question("coulomb_friction", (2,), 0, *rival)
+    pairs, option = (ExpectedEvidence(0, 1, 30.0, 2),), MotionOption("slow", load)
+    advice = Advice((question,), pairs=pairs, option=option)
     text = lines(advice, document(COULOMB, "load_friction"))
     section = yaml.safe_load("\n".join(text[-2:]))
-    assert "case.yaml" in text[-3] and section == {
-        "payloads": {"recording.csv": load.entry()}
-    }
+    assert section == {"payloads": {"recording.csv": load.entry()}}
+    assert "case.yaml" in text[-3]
 
 
 def test_a_case_without_torque_is_advised_as_it_was_diagnosed() -> None:
-    rng, plan = np.random.default_rng(1), Plan(recordings=2, duration=8.0)
+    rng, plan = np.random.default_rng(1), Plan(recordings=2, duration=5.0)
     made = record_case("rubs", synthetic.arm(), (COULOMB,), plan, rng)
-    advice = advised(
-        each(made, lambda r: replace(r, tau=None)), COULOMB, "load_friction"
-    )
+    silent = each(made, lambda r: replace(r, tau=None))
+    advice = advised(silent, COULOMB, "load_friction", fastest=0.3)
     assert advice.pairs and advice.excitation is not None
 
 
@@ -190,7 +186,7 @@ def test_what_a_rival_can_follow_is_not_expected_to_be_told() -> None:
     """A little Coulomb friction is what a healthy arm's may be off by."""
     case = slow_case(synthetic.Truth(coulomb=(0.0, 0.1, 0.0)))
     little = AppliedEffect("coulomb_friction", (2,), {"torque": [0.1]})
-    advice = advised(case, little, "none")
+    advice = advised(case, little, "none", fastest=0.5)
     assert advice.pairs[0].evidence < 1.0
     assert "hardly settle" in "\n".join(lines(advice, document(little, "none")))
 
