@@ -41,11 +41,8 @@ def two_effects() -> dict[str, Any]:
         "next_recording": "a chirp on joints 4 and 5 up to 15 Hz, amplitude 0.02 rad, to settle delay against lag",
         "arm": {"robot": "Franka Panda", "joints": list(JOINTS)},
         "recordings": [
-            {"name": name, "duration": seconds, "rate": 500.0, "role": role}
-            for name, seconds, role in (
-                ("excitation_a.csv", 24.0, "fit"),
-                ("excitation_b.csv", 18.0, "judge"),
-            )
+            _recording("excitation_a.csv", 24.0, "fit"),
+            _recording("excitation_b.csv", 18.0, "judge"),
         ],
         "conditioning": {
             **{"rate": 500.0, "position_cutoff": 15.0, "torque_cutoff": 12.0},
@@ -71,18 +68,11 @@ def two_effects() -> dict[str, Any]:
 def no_gap() -> dict[str, Any]:
     """A healthy arm."""
     document = two_effects()
-    document |= {
-        "case": "healthy",
-        "verdict": "no_gap",
-        "effects": [],
-        "closed": None,
-        "next_recording": None,
-        "warnings": [],
-        "where": [],
-    }
-    document["gap"]["before"]["torque_nrmse"] = document["gap"]["after"][
-        "torque_nrmse"
-    ] = list(FLOOR)
+    document |= {"case": "healthy", "verdict": "no_gap"}
+    document |= {"closed": None, "next_recording": None}
+    document |= {"effects": [], "warnings": [], "where": []}
+    for stage in ("before", "after"):
+        document["gap"][stage]["torque_nrmse"] = list(FLOOR)
     document["unexplained"] = {"share": 0.0, "above_floor": False, "where": []}
     return document
 
@@ -191,6 +181,10 @@ def _payload() -> dict[str, Any]:
         "gap_without_this": {"torque_nrmse": list(LATE)},
         **{"share": 0.19, "where": [], "alternatives": []},
     }
+
+
+def _recording(name: str, seconds: float, role: str) -> dict[str, Any]:
+    return {"name": name, "duration": seconds, "rate": 500.0, "role": role}
 
 
 def _region(

@@ -55,9 +55,8 @@ def _written(text: str, name: str, **sheet: np.ndarray) -> NominalArm:
     path = Path(mkdtemp(prefix="gapscope-tests-")) / "robot.urdf"
     path.write_text(text)
     joints = ("joint_1", "joint_2", "joint_3")
-    return NominalArm(
-        name, path, joints, armature=ARMATURE, encoder_step=ENCODER_STEP, **sheet
-    )
+    known = {"armature": ARMATURE, "encoder_step": ENCODER_STEP}
+    return NominalArm(name, path, joints, **known, **sheet)
 
 
 @cache
@@ -152,25 +151,14 @@ class Truth:
 def model(truth: Truth) -> pin.Model:
     """Bodies of the recorded arm: load welded on, one link off, base tilted; frame ``hand`` at the last centre."""
     out = pin.buildModelFromUrdf(str(arm().urdf))
-    out.addFrame(
-        pin.Frame(
-            "hand",
-            N,
-            0,
-            pin.SE3(np.eye(3), out.inertias[N].lever),
-            pin.FrameType.OP_FRAME,
-        )
-    )
+    centre = pin.SE3(np.eye(3), out.inertias[N].lever)
+    out.addFrame(pin.Frame("hand", N, 0, centre, pin.FrameType.OP_FRAME))
     own = out.inertias[truth.link]
     grown = own.mass + truth.link_mass
-    out.inertias[truth.link] = pin.Inertia(
-        grown, own.lever + truth.link_com, own.inertia * grown / own.mass
-    )
-    out.appendBodyToJoint(
-        N,
-        pin.Inertia(truth.mass, np.array(truth.com), np.zeros((3, 3))),
-        pin.SE3.Identity(),
-    )
+    lever, inertia = own.lever + truth.link_com, own.inertia * grown / own.mass
+    out.inertias[truth.link] = pin.Inertia(grown, lever, inertia)
+    load = pin.Inertia(truth.mass, np.array(truth.com), np.zeros((3, 3)))
+    out.appendBodyToJoint(N, load, pin.SE3.Identity())
     out.gravity.linear = pin.rpy.rpyToMatrix(*truth.tilt, 0.0).T @ [0.0, 0.0, -9.81]
     return out
 
@@ -180,33 +168,32 @@ def pushed(truth: Truth, t: np.ndarray, q: np.ndarray) -> np.ndarray:
     out, of = np.zeros_like(q), model(truth)
     data, hand = of.createData(), of.getFrameId("hand")
     force = pin.rpy.rpyToMatrix(*truth.tilt, 0.0).T @ truth.force
+    axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for i in np.flatnonzero((t >= truth.window[0]) & (t < truth.window[1])):
-        jacobian = pin.computeFrameJacobian(
-            of, data, q[i], hand, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
+        jacobian = pin.computeFrameJacobian(of, data, q[i], hand, axes)
         out[i] = jacobian[:3].T @ force
     return out
 
 
-def needed(truth: Truth, motion: Fourier, t: np.ndarray) -> np.ndarray:
-    """Torque that must reach the joints at times t [N m], (N, n), by pinocchio."""
+def of_bodies(truth: Truth, *motion: np.ndarray) -> np.ndarray:
+    """Inverse dynamics of the bodies alone [N m], (N, n), for position, velocity and acceleration."""
     of = model(truth)
     data = of.createData()
+    return np.array([pin.rnea(of, data, *row) for row in zip(*motion, strict=True)])
+
+
+def needed(truth: Truth, motion: Fourier, t: np.ndarray) -> np.ndarray:
+    """Torque that must reach the joints at times t [N m], (N, n), by pinocchio."""
     q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
-    torque = np.array(
-        [pin.rnea(of, data, *row) for row in zip(q, dq, ddq, strict=True)]
-    )
-    torque += (ARMATURE + np.array(truth.armature)) * ddq + np.array(truth.spring) * (
-        q - truth.rest
-    )
+    torque = of_bodies(truth, q, dq, ddq)
+    torque += (ARMATURE + np.array(truth.armature)) * ddq
+    torque += np.array(truth.spring) * (q - truth.rest)
     torque += truth.extra(t, q, dq) - (pushed(truth, t, q) if any(truth.force) else 0.0)
     warm = 1.0 + np.array(truth.drift) * np.exp(-t / truth.drift_time)[:, None]
     torque += warm * friction(truth, dq)
-    motor = torque
+    motor, grip = torque, warm * np.array(truth.load) * np.tanh(dq / 0.005)
     for _ in range(60 if any(truth.load) else 0):  # tau = torque + mu |tau| sgn v
-        motor = torque + warm * np.array(truth.load) * np.abs(motor) * np.tanh(
-            dq / 0.005
-        )
+        motor = torque + grip * np.abs(motor)
     return motor
 
 
@@ -233,12 +220,9 @@ def recording(
         q, tau = motion.position(t), np.empty((len(t), N))
         for j in range(N):
             late = t + SKEW + truth.delay[j]
-            wave = truth.ripple[j] * np.sin(
-                truth.cycles * motion.position(late)[:, j] + truth.phase
-            )
-            tau[:, j] = (_undone(truth, motion, late, j) - truth.offset[j] - wave) / (
-                1.0 + truth.scale[j]
-            )
+            angle = truth.cycles * motion.position(late)[:, j] + truth.phase
+            torque = _undone(truth, motion, late, j) - truth.ripple[j] * np.sin(angle)
+            tau[:, j] = (torque - truth.offset[j]) / (1.0 + truth.scale[j])
     q = np.round((q + np.array(truth.encoder)) / ENCODER_STEP) * ENCODER_STEP
     return Recording(name, t, q, tau + NOISE * rng.standard_normal(tau.shape))
 
@@ -261,15 +245,9 @@ def simulated(
     """
     of, every = model(truth), round((t[1] - t[0]) / step)
     data, grid = of.createData(), np.arange((len(t) - 1) * every + 1) * step
-    wanted, speed, ahead = (
-        motion.position(grid),
-        motion.velocity(grid),
-        needed(Truth(), motion, grid),
-    )
-    k, d, half = (
-        np.array(x)
-        for x in (truth.stiffness, truth.damping, 0.5 * np.array(truth.play))
-    )
+    wanted, speed = motion.position(grid), motion.velocity(grid)
+    ahead, half = needed(Truth(), motion, grid), 0.5 * np.array(truth.play)
+    k, d = np.array(truth.stiffness), np.array(truth.damping)
     soft = (k > 0) | (half > 0)
     k, d = np.where(soft & (k == 0), 3e4, k), np.where(soft & (k == 0), 30.0, d)
     limit = np.where(np.array(truth.limit) > 0, truth.limit, np.inf)
@@ -277,11 +255,8 @@ def simulated(
     theta, q, dtheta, dq = wanted[0].copy(), wanted[0].copy(), np.zeros(N), np.zeros(N)
     seen, command = np.empty_like(wanted), np.empty_like(wanted)
     for i in range(len(grid)):
-        u = (
-            ahead[i]
-            + 800.0 * rotor * (wanted[i] - theta)
-            + 40.0 * rotor * (speed[i] - dtheta)
-        )
+        pull = 800.0 * (wanted[i] - theta) + 40.0 * (speed[i] - dtheta)
+        u = ahead[i] + rotor * pull
         seen[i], command[i] = theta, u
         pushes = np.clip(u, -limit, limit) - friction(truth, dtheta)
         twist = theta - q
@@ -297,15 +272,10 @@ def simulated(
 
 def motion(seed: int, frequency: float = 0.2, duration: float = 10.0) -> Fourier:
     """A smooth motion of all joints."""
-    limits = Limits(np.full(N, -1.6), np.full(N, 1.6), np.full(N, 1.6), np.full(N, 7.0))
-    centre = np.array([0.0, -0.4, 0.5])
-    return Fourier.random(
-        np.random.default_rng(seed),
-        limits,
-        duration=duration,
-        centre=centre,
-        frequency=frequency,
-    )
+    limits = Limits(*(np.full(N, most) for most in (-1.6, 1.6, 1.6, 7.0)))
+    how: dict[str, Any] = {"duration": duration, "frequency": frequency}
+    how["centre"] = np.array([0.0, -0.4, 0.5])
+    return Fourier.random(np.random.default_rng(seed), limits, **how)
 
 
 def held(moved: Fourier, joint: int) -> Fourier:
@@ -320,15 +290,10 @@ def recordings(
 ) -> tuple[Recording, ...]:
     """Three recordings, slow to fast."""
     rng = np.random.default_rng(1000 + seed)
+    moved = [motion(10 * seed + k, f, duration) for k, f in enumerate((0.1, 0.2, 0.3))]
     return tuple(
-        recording(
-            truth,
-            motion(10 * seed + k, frequency, duration),
-            rng,
-            f"recording_{k}.csv",
-            rate,
-        )
-        for k, frequency in enumerate((0.1, 0.2, 0.3))
+        recording(truth, one, rng, f"recording_{k}.csv", rate)
+        for k, one in enumerate(moved)
     )
 
 
@@ -343,11 +308,8 @@ def case(
     """A case of three recordings, and where ``judged`` a fourth that is set aside."""
     fitted = recordings(truth, seed, duration=duration)
     rng = np.random.default_rng(2000 + seed)
-    aside = (
-        (recording(truth, motion(500 + seed, 0.25, 8.0), rng, "judged.csv"),)
-        if judged
-        else ()
-    )
+    moved = [motion(500 + seed, 0.25, 8.0)] if judged else []
+    aside = tuple(recording(truth, one, rng, "judged.csv") for one in moved)
     return Case("synthetic", arm().urdf.parent, arm(), fitted, aside)
 
 

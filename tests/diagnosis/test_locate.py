@@ -20,12 +20,10 @@ Where = Callable[[MotionRows], np.ndarray]
 def motion(seed: int = 0) -> MotionRows:
     """Two recordings of sums of sines of two joints."""
     rng, n = np.random.default_rng(seed), int(SECONDS * RATE)
-    t, half = np.arange(n) / RATE, n // 2
-    q = sum(
-        rng.uniform(0.2, 0.8, 2)
-        * np.sin(2 * np.pi * f * t[:, None] + rng.uniform(0, 6, 2))
-        for f in (0.11, 0.23, 0.37, 0.61)
-    )
+    t, half, q = np.arange(n) / RATE, n // 2, np.zeros((n, 2))
+    for frequency in (0.11, 0.23, 0.37, 0.61):
+        size, phase = rng.uniform(0.2, 0.8, 2), rng.uniform(0, 6, 2)
+        q += size * np.sin(2 * np.pi * frequency * t[:, None] + phase)
     dq = np.gradient(q, 1 / RATE, axis=0)
     ddq, segment = np.gradient(dq, 1 / RATE, axis=0), np.repeat([0, 1], half)
     return MotionRows(np.tile(t[:half], 2), q, dq, ddq, segment, (RATE, RATE))

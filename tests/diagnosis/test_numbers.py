@@ -19,19 +19,14 @@ def test_every_number_has_its_place_component_and_unit() -> None:
 
 
 def test_a_link_is_a_place_and_a_fault_without_numbers_a_row() -> None:
-    parameters = {
-        "link": {"unit": "1", "value": 3, "std": None},
-        "mass": {"unit": "kg", "value": 0.5, "std": None},
-    }
+    values = (("link", "1", 3), ("mass", "kg", 0.5))
+    parameters = {k: {"unit": unit, "value": x, "std": None} for k, unit, x in values}
     entry = {"effect": "link_inertia", "joints": [], "parameters": parameters}
     (mass,) = numbers_of(entry)
     assert (mass.place, mass.value, mass.std) == ("link 3", 0.5, None)
     swap = {"effect": "joint_swap", "joints": [1, 2], "parameters": {}}
-    rows = list(numbers_of(swap))
-    assert [(row.place, row.value) for row in rows] == [
-        ("joint 1", None),
-        ("joint 2", None),
-    ]
+    rows = [(row.place, row.value) for row in numbers_of(swap)]
+    assert rows == [("joint 1", None), ("joint 2", None)]
 
 
 def test_joints_that_turn_and_that_slide_have_a_unit_each() -> None:

@@ -33,12 +33,7 @@ LINEAR = {
     "saturating_friction": [[1.5, 0.8, 0.6]],
     "friction_drift": [[0.4, 0.3, -0.2]],
     "payload": [[1.5], [0.3], [-0.075], [0.15]],
-    "link_inertia": [
-        [0.0, 0.5, 0.0],
-        [0.0, 0.03, 0.0],
-        [0.0, -0.02, 0.0],
-        [0.0, 0.01, 0.0],
-    ],
+    "link_inertia": [[0.0, x, 0.0] for x in (0.5, 0.03, -0.02, 0.01)],
     "armature": [[0.2, -0.3, 0.1]],
     "base_tilt": [[0.06], [-0.04]],
     "joint_elasticity": [[2e-4, 1e-4, 2e-4], [2e-7, 1e-7, 3e-7]],
@@ -60,12 +55,8 @@ SHAPES = {
     "torque_ripple": [(11.0,), (17.0,), (23.0,)],
     "external_force": [(1.5, 3.5)],
 }
-STEP = {
-    "payload": 1e-3,
-    "link_inertia": 1e-4,
-    "base_tilt": 1e-4,
-    "encoder_offset": 1e-4,
-}
+STEP = {"payload": 1e-3, "link_inertia": 1e-4, "base_tilt": 1e-4}
+STEP["encoder_offset"] = 1e-4
 """Steps for central differences; 1e-4 times the values where there are any otherwise."""
 
 
@@ -112,9 +103,8 @@ def column(made: Design, term: Term, k: int) -> np.ndarray:
 
 
 def predict(effects: tuple[AppliedEffect, ...]) -> np.ndarray:
-    return CorrectedArm(synthetic.arm(), effects).predict(
-        synthetic.body(), segment().motion
-    )
+    corrected = CorrectedArm(synthetic.arm(), effects)
+    return corrected.predict(synthetic.body(), segment().motion)
 
 
 def step(term: Term, around: np.ndarray) -> float:
@@ -130,31 +120,29 @@ def by_differences(known: Terms, around: np.ndarray, names: set[str]) -> np.ndar
 
     By central differences; one-sided where less than nothing cannot be.
     """
-    out = np.zeros((*segment().motion.q.shape, known.size))
+    out, unit = np.zeros((*segment().motion.q.shape, known.size)), np.eye(known.size)
+
+    def torque(values: np.ndarray) -> np.ndarray:
+        return predict(known.effects(values))
+
     for term in (t for t in known.all if known.can_choose(t) and t.effect in names):
-        if term.effect == "parallel_spring" and not around[list(term.columns)].any():
+        places = list(term.columns)
+        used = around[places].any()
+        if term.effect == "parallel_spring" and not used:
             # 1 N m/rad, then 1 N m more at q = 0: a rest means nothing without a spring
-            steps = np.cumsum([np.eye(known.size)[k] for k in term.columns], axis=0)
-            torque = [
-                predict(known.effects(around + x)) for x in (0.0 * steps[0], *steps)
-            ]
-            out[:, :, list(term.columns)] = np.diff(torque, axis=0).transpose(1, 2, 0)
+            first, both = np.cumsum(unit[places], axis=0)
+            steps = [torque(around + x) for x in (0.0 * first, first, both)]
+            out[:, :, places] = np.diff(steps, axis=0).transpose(1, 2, 0)
             continue
-        for i, k in enumerate(term.columns):
-            h, used = step(term, around), around[list(term.columns)].any()
+        for i, k in enumerate(places):
             if term.effect == "payload" and not used:
                 out[:, :, k] = massless(i - 1, known.effects(around))
-            else:
-                up, down = (
-                    around + sign * h * np.eye(known.size)[k] for sign in (1, -1)
-                )
-                least = term.parametrisation.lowest
-                if not callable(least) and least >= 0.0 and around[k] < h:
-                    down = around
-                span = (up - down).sum()
-                out[:, :, k] = (
-                    predict(known.effects(up)) - predict(known.effects(down))
-                ) / span
+                continue
+            h, least = step(term, around), term.parametrisation.lowest
+            up, down = around + h * unit[k], around - h * unit[k]
+            if not callable(least) and least >= 0.0 and around[k] < h:
+                down = around
+            out[:, :, k] = (torque(up) - torque(down)) / (up - down).sum()
     return out
 
 
@@ -162,9 +150,8 @@ def massless(axis: int, others: tuple[AppliedEffect, ...]) -> np.ndarray:
     """By mass: a mass at the joint's centre. By first moment: the odd part in c, as inertia is even in it."""
 
     def with_load(mass: float, com: np.ndarray) -> np.ndarray:
-        return predict(
-            (*others, AppliedEffect("payload", (), {"mass": mass, "com": com}))
-        )
+        load = AppliedEffect("payload", (), {"mass": mass, "com": com})
+        return predict((*others, load))
 
     if axis < 0:
         return with_load(1.0, np.zeros(3)) - predict(others)

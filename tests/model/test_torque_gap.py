@@ -10,7 +10,6 @@ import synthetic
 from scipy.signal import butter, sosfiltfilt
 from synthetic import Truth
 
-from gapscope.arm.motions.motion import Motion
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.environment import tilt
@@ -55,17 +54,14 @@ def test_definition(rate: float) -> None:
     predicted = nominal.predict(synthetic.body(), segment.motion)
     pair = by_hand(segment.torque, predicted, rate)
     np.testing.assert_allclose(found.nrmse, nrmse(*pair), rtol=1e-3)
-    np.testing.assert_allclose(
-        found.rmse, np.sqrt(np.mean((pair[0] - pair[1]) ** 2, axis=0)), rtol=1e-3
-    )
+    expected = np.sqrt(np.mean((pair[0] - pair[1]) ** 2, axis=0))
+    np.testing.assert_allclose(found.rmse, expected, rtol=1e-3)
 
 
 def test_five_percent_rule() -> None:
     """Standard deviations 10, 1 and 0.1: the last is raised to 0.5."""
-    unit = np.tile([1.0, -1.0], 50)[:, None]
-    np.testing.assert_allclose(
-        torque_scale(unit * [10.0, 1.0, 0.1] + 7.0), [10.0, 1.0, 0.5]
-    )
+    torque = np.tile([1.0, -1.0], 50)[:, None] * [10.0, 1.0, 0.1] + 7.0
+    np.testing.assert_allclose(torque_scale(torque), [10.0, 1.0, 0.5])
 
 
 def test_what_lies_above_12_hz_is_no_gap() -> None:
@@ -74,11 +70,8 @@ def test_what_lies_above_12_hz_is_no_gap() -> None:
     nominal, t = CorrectedArm(synthetic.arm()), segment.motion.t[:, None]
     predicted = nominal.predict(synthetic.body(), segment.motion)
     for frequency, rms in ((40.0, 0.0), (3.0, 5 / np.sqrt(2))):
-        shaken = Segment(
-            "s",
-            segment.motion,
-            predicted + [0, 5.0, 0] * np.sin(2 * np.pi * frequency * t),
-        )
+        wave = [0, 5.0, 0] * np.sin(2 * np.pi * frequency * t)
+        shaken = Segment("s", segment.motion, predicted + wave)
         found = torque_gap(nominal, synthetic.body(), [shaken])
         assert found.rmse[1] == pytest.approx(rms, abs=0.02 + 0.01 * rms)
         assert found.rmse[[0, 2]].max() < 1e-9
@@ -89,9 +82,8 @@ def test_several_segments_are_stacked_before_they_are_normalised() -> None:
     nominal = CorrectedArm(synthetic.arm())
     parts = [torque_gap(nominal, synthetic.body(), [s]) for s in three]
     found = torque_gap(nominal, synthetic.body(), three)
-    np.testing.assert_array_equal(
-        found.measured, np.vstack([p.measured for p in parts])
-    )
+    measured = np.vstack([p.measured for p in parts])
+    np.testing.assert_array_equal(found.measured, measured)
     np.testing.assert_allclose(found.nrmse, nrmse(found.measured, found.predicted))
     np.testing.assert_array_equal(found.error, found.measured - found.predicted)
 
@@ -129,18 +121,13 @@ def effect(name: str) -> AppliedEffect:
     return AppliedEffect(name, joints, arrays)
 
 
-@pytest.fixture(scope="module")
-def motion() -> Motion:
-    recording = synthetic.recordings(synthetic.Truth(), duration=4.0)[1]
-    return condition(recording, 20.0)[0].motion
-
-
 ARM = CorrectedArm(synthetic.arm(), tuple(effect(name) for name in EFFECTS))
 
 
-def test_arms_at_once_change_as_each_alone(motion: Motion) -> None:
+def test_arms_at_once_change_as_each_alone() -> None:
     """Arms of which some undo another way from the recorded torque to the joint."""
-    body = synthetic.body()
+    body, recording = synthetic.body(), synthetic.recordings(Truth(), duration=4.0)[1]
+    motion = condition(recording, 20.0)[0].motion
     segment = Segment("moved.csv", motion, None)
     terms = Terms(len(motion.q.T))
     theta = np.zeros(terms.size)
@@ -188,21 +175,14 @@ def test_turn_of_the_base_that_gives_a_direction_of_gravity(
 
 
 def test_gravity_is_found_beside_friction_and_offset() -> None:
-    truth = Truth(
-        tilt=(2.0, -0.8),
-        coulomb=(3.0, 2.0, 1.0),
-        viscous=(2.0, 4.0, 1.0),
-        offset=(5.0, -3.0, 1.0),
-    )
+    rubs = {"coulomb": (3.0, 2.0, 1.0), "viscous": (2.0, 4.0, 1.0)}
+    truth = Truth(tilt=(2.0, -0.8), offset=(5.0, -3.0, 1.0), **rubs)
     path, t = synthetic.motion(7, 0.3, 8.0), np.arange(0.0, 8.0, 0.02)
     q, dq, ddq = path.position(t), path.velocity(t), path.acceleration(t)
     body, arm = synthetic.body(), synthetic.arm()
     regressor = body.gravity_regressor(q)
-    without_gravity = (
-        synthetic.needed(truth, path, t)
-        - body.inverse_dynamics(q, dq, ddq)
-        - arm.armature * ddq
-        + regressor @ body.gravity
-    )
+    needed = synthetic.needed(truth, path, t) - arm.armature * ddq
+    without_gravity = needed - body.inverse_dynamics(q, dq, ddq)
+    without_gravity += regressor @ body.gravity
     found = gravity_by_torque(without_gravity, regressor, dq, np.ones(3))
     np.testing.assert_allclose(found, tilt(2.0, -0.8).T @ DOWN, atol=0.2)

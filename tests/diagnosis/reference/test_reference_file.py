@@ -77,11 +77,7 @@ def test_what_is_written_comes_back_to_the_last_bit(tmp_path):
         if field.name != "file":
             a, b = getattr(written, field.name), getattr(found, field.name)
             assert same(a, b), field.name
-    assert {file.name for file in path.parent.iterdir()} == {
-        "reference.json",
-        "reference.npz",
-        "identified.urdf",
-    }
+    assert {file.name for file in path.parent.iterdir()} == {DOCUMENT, ARRAYS, ROBOT}
 
 
 def gone(folder: Path, name: str) -> None:
@@ -104,6 +100,13 @@ def edited(change: Callable[[dict[str, Any]], Any]) -> Callable[[Path, str], Non
 
 
 DOCUMENT, ARRAYS, ROBOT = "reference.json", "reference.npz", "identified.urdf"
+
+
+def edit(change: Callable[[dict[str, Any]], Any], says: str) -> tuple[Any, ...]:
+    """A document that was changed, and what is said of it."""
+    return DOCUMENT, edited(change), says
+
+
 DAMAGED = [
     (DOCUMENT, gone, "reference.json: is missing.*end"),
     (DOCUMENT, cut, "is not valid JSON"),
@@ -111,24 +114,15 @@ DAMAGED = [
     (ARRAYS, cut, "reference.npz, field files.reference.npz"),
     (ROBOT, gone, "identified.urdf: no such file"),
     (ROBOT, cut, "field files.identified.urdf of reference.json: is not the"),
-    (DOCUMENT, edited(lambda c: c.update(schema=1)), "field schema: is of schema 1"),
-    (DOCUMENT, edited(lambda c: c.pop("coulomb")), "'coulomb' is a required"),
-    (
-        DOCUMENT,
-        edited(lambda c: c["coulomb"].pop()),
-        "field coulomb: has 2 numbers, the arm has 3 joints",
-    ),
-    (
-        DOCUMENT,
-        edited(lambda c: c["recordings"][0].update(samples=49)),
-        r"reference.npz, t1: expected finite numbers of shape \(49,\)",
-    ),
-    (
-        DOCUMENT,
-        edited(lambda c: c["recordings"][1]["payload"].update(mass=-1.0)),
+    edit(lambda c: c.update(schema=1), "field schema: is of schema 1"),
+    edit(lambda c: c.pop("coulomb"), "'coulomb' is a required"),
+    edit(lambda c: c["coulomb"].pop(), "field coulomb: has 2 numbers, the arm has 3 j"),
+    edit(lambda c: c["recordings"][0].update(samples=49), r"npz, t1: .* shape \(49,\)"),
+    edit(
+        lambda c: c["recordings"][1]["payload"].update(mass=-1.0),
         "field recordings.1.payload.mass: -1.0",
     ),
-    (DOCUMENT, edited(lambda c: c["faults"].append("late")), "faults.2: 'late'"),
+    edit(lambda c: c["faults"].append("late"), "faults.2: 'late'"),
 ]
 
 
@@ -156,6 +150,9 @@ def test_a_case_is_told_from_an_identified_reference(tmp_path):
     assert identified_folder(tmp_path / "nowhere") is None
 
 
+LONGER = synthetic.URDF.replace('xyz="0.45 0 0"', 'xyz="0.5 0 0"')
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -163,10 +160,7 @@ def test_a_case_is_told_from_an_identified_reference(tmp_path):
         ({"joints": ("a", "b", "c")}, "other names: a, b, c"),
         ({"joints": ("a", "b")}, "has 2 joints"),
         ({"gravity": np.array([0.0, 0.0, 9.81])}, "has gravity"),
-        (
-            {"urdf": synthetic.URDF.replace('xyz="0.45 0 0"', 'xyz="0.5 0 0"')},
-            "other places",
-        ),
+        ({"urdf": LONGER}, "other places"),
     ],
 )
 def test_another_robot_or_mounting_is_refused(changes, says, tmp_path):
