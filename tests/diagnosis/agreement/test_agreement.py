@@ -42,6 +42,12 @@ def compared(found: Sequence[Recording]) -> Agreement:
     return agreement(case_of("arm", arm(), *found))
 
 
+def unlike(other: Truth, number: int) -> Agreement:
+    """Three recordings of a healthy arm but for one."""
+    truths = [other if k == number else Truth() for k in range(3)]
+    return compared([recorded(truth, k) for k, truth in enumerate(truths)])
+
+
 def line(found: Agreement, key: str) -> ParameterAgreement:
     return next(one for one in found.parameters if one.key == key)
 
@@ -52,14 +58,7 @@ def differing(found: Agreement) -> list[str]:
 
 @pytest.fixture(scope="module")
 def same() -> Agreement:
-    return compared([recorded(Truth(), k) for k in range(3)])
-
-
-@pytest.fixture(scope="module")
-def rubbing() -> Agreement:
-    """Coulomb friction of joint 2 is 30 % higher in the second of three recordings."""
-    more = Truth(coulomb=(0.0, 0.3 * COULOMB[1], 0.0))
-    return compared([recorded(more if k == 1 else Truth(), k) for k in range(3)])
+    return unlike(Truth(), 0)
 
 
 def test_the_same_arm_agrees_with_values_to_trust(same: Agreement) -> None:
@@ -75,8 +74,9 @@ def test_the_same_arm_agrees_with_values_to_trust(same: Agreement) -> None:
         assert std == pytest.approx(max(one.birge, 1.0) / np.sqrt(precision))
 
 
-def test_document_says_what_settles_a_difference(rubbing: Agreement) -> None:
-    content = document(rubbing)
+def test_document_says_what_settles_a_difference() -> None:
+    """Coulomb friction of joint 2 is 30 % higher in the second of three recordings."""
+    content = document(unlike(Truth(coulomb=(0.0, 0.3 * COULOMB[1], 0.0)), 1))
     first = content["parameters"][0]
     assert (first["key"], first["verdict"], first["trusted"]) == ("c2", DIFFERS, None)
     assert first["name"] == "Coulomb friction of joint 2"
@@ -117,8 +117,7 @@ def test_a_load_in_one_recording_is_a_load_unless_it_is_known() -> None:
 
 
 def test_another_torque_constant_is_a_gain() -> None:
-    scaled = Truth(scale=(0.0, 0.1, 0.0))
-    result = compared([recorded(scaled if k == 2 else Truth(), k) for k in range(3)])
+    result = unlike(Truth(scale=(0.0, 0.1, 0.0)), 2)
     assert differing(result) == ["gain2"]
     value = line(result, "gain2").value
     # the recorded torque is the needed one over 1 + s
@@ -153,12 +152,10 @@ def test_two_recordings_cannot_say_with_what_a_difference_goes() -> None:
 
 @pytest.mark.nightly
 def test_healthy_arms_differ_no_more_often_than_stated() -> None:
-    alarms = 0
-    for seed in range(DRAWS):
-        found = compared(recordings(Truth(), seed=100 + seed, duration=5.0))
-        alarms += bool(differing(found))
+    seeds = range(100, 100 + DRAWS)
+    drawn = (compared(recordings(Truth(), seed, duration=5.0)) for seed in seeds)
     # at the stated rate, two alarms among so many happen in one series of fifty
-    assert alarms <= 1
+    assert sum(bool(differing(found)) for found in drawn) <= 1
 
 
 @pytest.mark.parametrize(
@@ -193,12 +190,10 @@ def test_what_a_difference_goes_with(value, speed, goes_with, changed) -> None:
 )
 def test_too_few_recordings_to_compare(torque: tuple[bool, ...], problem: str) -> None:
     every = [recorded(Truth(), k) for k in range(len(torque))]
-    given = [
-        one if has else replace(one, tau=None)
-        for one, has in zip(every, torque, strict=True)
-    ]
+    for k in np.flatnonzero(~np.array(torque)):
+        every[k] = replace(every[k], tau=None)
     with pytest.raises(InputError, match=problem):
-        compared(given)
+        compared(every)
 
 
 def test_no_motion() -> None:

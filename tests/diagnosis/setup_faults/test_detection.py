@@ -55,35 +55,17 @@ ORDINARY = {
         mass=3.0, com=(0.1, 0.0, 0.0), scale=(0.0, 0.2, 0.0), coulomb=(2.0, 0.0, 1.0)
     ),
     "beyond the catalogue": Truth(
-        extra=lambda t, q, dq: (
-            6.0 * np.sin(40.0 * t)[:, None] * np.array([1.0, 1.0, 0.3])
-        )
+        extra=lambda t, q, dq: np.outer(np.sin(40.0 * t), [6.0, 6.0, 1.8])
     ),
 }
 
 NIGHTLY = {
-    "on a wall",
-    "torque read 40 % high",
-    "torque read 40 % low",
-    "triple viscous friction",
-    "no friction",
-    "load friction",
-    "torque offsets",
-    "rotor twice as heavy",
-    "beyond the catalogue",
-    "torque of the last joint turned",
-    "torques turned",
-    "all torques turned",
-    "joint turned",
-    "joints exchanged",
-    "degrees",
-    "revolutions",
-    "motor side",
-    "inertials shifted back",
-    "zero off by 60 degrees",
-    "a command times four",
-    "jitter",
-    "a load far off the axis",
+    *("on a wall", "torque read 40 % high", "torque read 40 % low", "no friction"),
+    *("triple viscous friction", "load friction", "torque offsets", "jitter"),
+    *("rotor twice as heavy", "beyond the catalogue", "a load far off the axis"),
+    *("torque of the last joint turned", "torques turned", "all torques turned"),
+    *("joint turned", "joints exchanged", "degrees", "revolutions", "motor side"),
+    *("inertials shifted back", "zero off by 60 degrees", "a command times four"),
 }
 """More of what others of the lists have: another joint, another size, another cause that looks alike."""
 
@@ -194,11 +176,12 @@ def test_all_torques_turned_are_found_whatever_friction_the_data_sheet_claims(
     placeholder: float,
 ) -> None:
     case = sound("healthy")
-    friction = {
-        "coulomb": case.arm.coulomb + placeholder / 4,
-        "viscous": case.arm.viscous + placeholder,
-    }
-    claimed = replace(case, arm=replace(case.arm, **friction))
+    coulomb, viscous = (
+        case.arm.coulomb + placeholder / 4,
+        case.arm.viscous + placeholder,
+    )
+    arm = replace(case.arm, coulomb=coulomb, viscous=viscous)
+    claimed = replace(case, arm=arm)
     assert find_setup_faults(claimed) == ()
     found = found_in(SignFlip((1, 2, 3)), claimed)
     assert found.fault == SignFlip((1, 2, 3))
@@ -216,8 +199,7 @@ def test_all_torques_turned_are_found_on_a_base_that_is_turned(roll: float) -> N
 @pytest.mark.parametrize("unit", daily((1e-3, 1e3), 1e-3))
 def test_a_unit_of_torque_is_a_power_of_ten(unit: float) -> None:
     """What friction or a load adds to the nominal torque is no part of the unit."""
-    milli = TorqueUnit("current", factor=(unit, unit, unit))
-    found = found_in(milli)
+    found = found_in(TorqueUnit("current", factor=(unit, unit, unit)))
     assert found.name == "torque_unit"
     assert found.fault.values()["factor"] == (unit,) * 3
 
@@ -231,16 +213,12 @@ def test_fault_is_found_and_put_right(label: str) -> None:
     assert (found.name, variant, found.joints) == found_as(label)
     assert found.probability > 0.7
     right = repaired(bad, (found,))
-    if variant not in (
-        "repeats",
-        "gaps",
-    ):  # what was lost stays lost, and what was written twice is still told
+    # what was lost stays lost, and what was written twice is still told
+    if variant not in ("repeats", "gaps"):
         assert find_setup_faults(right) == ()
     if found.gap_before is not None and variant not in ("repeats", "jitter", "gaps"):
-        assert (
-            found.gap_after is not None
-            and found.gap_after.max() < found.gap_before.max() / 2
-        )
+        assert found.gap_after is not None
+        assert found.gap_after.max() < found.gap_before.max() / 2
 
 
 OTHERS = ("large payload", "torque read 40 % low", "no friction", "delay")
@@ -294,10 +272,11 @@ def test_gear_ratios_of_their_own_are_told_apart() -> None:
 
 def with_velocities(unit: float = 1.0) -> Case:
     """The sound case with velocities in a unit [rad/s]."""
-    return each(
-        sound("healthy"),
-        lambda r: replace(r, dq=unit * np.gradient(r.q, r.t, axis=0)),
-    )
+
+    def one(r: Recording) -> Recording:
+        return replace(r, dq=unit * np.gradient(r.q, r.t, axis=0))
+
+    return each(sound("healthy"), one)
 
 
 def test_recorded_velocities_tell_a_wrong_rate() -> None:
@@ -345,9 +324,8 @@ def late_by(*delays: float) -> Case:
 
     def late(r: Recording) -> Recording:
         series = zip(delays, np.transpose(r.tau), strict=True)
-        return replace(
-            r, tau=np.stack([np.interp(r.t - x, r.t, tau) for x, tau in series], axis=1)
-        )
+        columns = [np.interp(r.t - x, r.t, tau) for x, tau in series]
+        return replace(r, tau=np.column_stack(columns))
 
     return each(sound("healthy"), late)
 
