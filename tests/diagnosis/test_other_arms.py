@@ -8,8 +8,11 @@ import pytest
 from arms import Link, changed, written
 
 import gapscope
+from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.table import numbered
+from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.diagnosis.document.wording import (
@@ -51,13 +54,18 @@ def robot(folder: Path, rows: Iterable[Row]) -> NominalArm:
     return load_nominal_arm(written(folder / "robot.urdf", "slides", *links))
 
 
+def recorded(
+    arm: NominalArm, *effects: AppliedEffect, plan: Plan = PLAN, seed: int = 0
+) -> Case:
+    """A case of the arm with effects."""
+    return record_case(arm.name, arm, effects, plan, np.random.default_rng(seed))
+
+
 def test_friction_of_a_linear_axis_that_carries_an_arm_is_found_in_newtons(
     tmp_path: Path,
 ) -> None:
-    arm = robot(tmp_path, GANTRY)
-    truth = AppliedEffect("coulomb_friction", (1, 2), {"torque": np.array([40.0, 4.0])})
-    case = record_case("gantry", arm, (truth,), PLAN, np.random.default_rng(0))
-    result = gapscope.diagnose(case)
+    truth = AppliedEffect("coulomb_friction", (1, 2), {"torque": [40.0, 4.0]})
+    result = gapscope.diagnose(recorded(robot(tmp_path, GANTRY), truth))
     [effect] = result.document["effects"]
     assert effect["effect"] == "coulomb_friction" and effect["joints"] == [1, 2]
     torque = effect["parameters"]["torque"]
@@ -70,13 +78,12 @@ def test_friction_of_a_linear_axis_that_carries_an_arm_is_found_in_newtons(
 
 def test_mass_that_a_scara_lifts_with_its_slide_is_found(tmp_path: Path) -> None:
     arm = robot(tmp_path, SCARA)
-    truth = AppliedEffect("armature", (3,), {"inertia": np.array([4.0])})
-    case = record_case("scara", arm, (truth,), PLAN, np.random.default_rng(0))
-    [effect] = gapscope.diagnose(case).document["effects"]
+    truth = AppliedEffect("armature", (3,), {"inertia": [4.0]})
+    [effect] = gapscope.diagnose(recorded(arm, truth)).document["effects"]
     assert effect["effect"] == "armature" and effect["joints"] == [3]
     assert effect["parameters"]["inertia"]["unit"] == "kg"
     assert effect["parameters"]["inertia"]["value"] == pytest.approx([4.0], rel=0.05)
-    healthy = record_case("scara", arm, (), PLAN, np.random.default_rng(1))
+    healthy = recorded(arm, seed=1)
     assert gapscope.diagnose(healthy).document["verdict"] == "no_gap"
     columns, law = ModelColumns(arm), FrictionLaw()
     units = dict(zip(columns.names(law), columns.units(law), strict=True))
@@ -85,10 +92,7 @@ def test_mass_that_a_scara_lifts_with_its_slide_is_found(tmp_path: Path) -> None
 
 
 def test_the_check_of_a_slide_speaks_of_newtons(tmp_path: Path) -> None:
-    case = record_case(
-        "rail", robot(tmp_path, GANTRY[:1]), (), PLAN, np.random.default_rng(0)
-    )
-    check = gapscope.check(case).document
+    check = gapscope.check(recorded(robot(tmp_path, GANTRY[:1]))).document
     said = str(check["remarks"])
     assert "in N of the joint, gravity included" in said and "N m" not in said
     units = {entry["unit"] for entry in check["expected"] if entry["joints"]}
@@ -109,9 +113,7 @@ def test_positions_in_millimetres_are_refused_with_their_unit(tmp_path: Path) ->
     t = np.arange(0, 2, 0.01)
     q = np.column_stack([800 * np.sin(t), np.sin(t), np.sin(t)])
     file = tmp_path / "motion.csv"
-    header = "t,q1,q2,q3,tau1,tau2,tau3"
-    rows = np.column_stack([t, q, q])
-    np.savetxt(file, rows, delimiter=",", header=header, comments="")
+    write_columns(numbered({"t": t, "q": q, "tau": q}), file)
     with pytest.raises(InputError, match="looks like millimetres(.|\n)*unit: mm"):
         load_recording(file, arm)
 
@@ -123,20 +125,12 @@ PLANAR = tuple(f"lbr_iiwa_joint_{k}" for k in (2, 4, 6))
 LONGER = Plan(recordings=2, duration=10.0, rate=100.0, engine="mujoco")
 
 
-@pytest.fixture
-def planar() -> NominalArm:
-    others = [j for j in load_nominal_arm("kuka_iiwa").joints if j not in PLANAR]
-    return load_nominal_arm(
-        "kuka_iiwa", joints=PLANAR, locked=dict.fromkeys(others, 0.0)
-    )
-
-
-def test_a_load_is_found_though_its_centre_along_the_axes_does_nothing(
-    planar: NominalArm,
-) -> None:
+def test_a_load_is_found_though_its_centre_along_the_axes_does_nothing() -> None:
+    every = load_nominal_arm("kuka_iiwa").joints
+    locked = {joint: 0.0 for joint in every if joint not in PLANAR}
+    planar = load_nominal_arm("kuka_iiwa", joints=PLANAR, locked=locked)
     load = AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.08]})
-    case = record_case("planar", planar, (load,), LONGER, np.random.default_rng(0))
-    document = gapscope.diagnose(case).document
+    document = gapscope.diagnose(recorded(planar, load, plan=LONGER)).document
     [effect] = document["effects"]
     assert effect["effect"] == "payload"
     mass = effect["parameters"]["mass"]
@@ -150,10 +144,7 @@ def test_a_load_is_found_though_its_centre_along_the_axes_does_nothing(
 LEG = (
     Link("to_hip", "hip", "1 0 0", "0 0 0", 3.4, "0.04 0 -0.03", "0.005 0.005 0.005"),
     Link("to_thigh", "thigh", "0 1 0", "0 0 -0.08", 3.1, "0 0 -0.15", "0.01 0.01 0.01"),
-    Link(
-        *("to_shank", "shank", "0 1 0", "0 0 -0.35", 0.9, "0 0 -0.12"),
-        inertia="0.004 0.004 0.004",
-    ),
+    Link("to_shank", "shank", "0 1 0", "0 0 -.35", 0.9, "0 0 -.12", ".004 .004 .004"),
 )
 
 
@@ -162,9 +153,7 @@ def test_friction_with_the_load_of_a_leg_is_found(tmp_path: Path) -> None:
     """The richest model left half of the gap of each half of these recordings, and hid all of it as unknowable."""
     file = written(tmp_path / "leg.urdf", "leg", *changed(LEG, limit="-1.2 0.7 100 5"))
     friction = AppliedEffect("load_friction", (1,), {"coefficient": [0.19]})
-    plan = Plan(recordings=2, duration=10.0, rate=100.0, engine="mujoco")
-    leg = load_nominal_arm(file)
-    case = record_case("leg", leg, (friction,), plan, np.random.default_rng(10))
+    case = recorded(load_nominal_arm(file), friction, plan=LONGER, seed=10)
     [effect] = gapscope.diagnose(case).document["effects"]
     assert effect["effect"] == "load_friction"
     [found] = effect["parameters"]["coefficient"]["value"]
@@ -172,10 +161,9 @@ def test_friction_with_the_load_of_a_leg_is_found(tmp_path: Path) -> None:
 
 
 def test_what_no_motion_of_a_slide_tells_apart_is_one_cause(tmp_path: Path) -> None:
-    arm = robot(tmp_path, GANTRY[:1])
-    truth = AppliedEffect("torque_offset", (1,), {"torque": np.array([30.0])})
-    case = record_case("slide", arm, (truth,), PLAN, np.random.default_rng(0))
-    document = gapscope.diagnose(case).document
+    truth = AppliedEffect("torque_offset", (1,), {"torque": [30.0]})
+    slide = recorded(robot(tmp_path, GANTRY[:1]), truth)
+    document = gapscope.diagnose(slide).document
     [effect] = document["effects"]
     names = {o["effect"] for o in effect["alternatives"] if o["equivalent"]}
     assert {effect["effect"], *names} >= {"torque_offset", "base_tilt"}
