@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import synthetic
 from synthetic import Truth
 
@@ -22,12 +21,8 @@ NOISE = np.array([0.2, 0.3, 0.1])
 
 def reading(truth: Truth, motion: Fourier, t: np.ndarray) -> np.ndarray:
     """Torque behind the gears at times t [N m], (N, n), by pinocchio: bodies, springs, a force from outside."""
-    of = synthetic.model(truth)
-    data = of.createData()
     q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
-    torque = np.array(
-        [pin.rnea(of, data, *row) for row in zip(q, dq, ddq, strict=True)]
-    )
+    torque = synthetic.of_bodies(truth, q, dq, ddq)
     torque += np.array(truth.spring) * (q - truth.rest)
     return torque - (synthetic.pushed(truth, t, q) if any(truth.force) else 0.0)
 
@@ -36,15 +31,11 @@ def case(
     truth: Truth, *, on_link: Truth | None = None, seed: int = 2, duration: float = 8.0
 ) -> Case:
     """Three recordings with sensors, which read an arm with ``on_link``, or else that with ``truth``."""
-    plain, rng, told = (
-        synthetic.case(truth, seed, duration=duration),
-        np.random.default_rng(3000 + seed),
-        [],
-    )
-    for k, (recording, frequency) in enumerate(
-        zip(plain.recordings, (0.1, 0.2, 0.3), strict=True)
-    ):
-        motion = synthetic.motion(10 * seed + k, frequency, duration)
+    plain = synthetic.case(truth, seed, duration=duration)
+    rng = np.random.default_rng(3000 + seed)
+    told = []
+    for k, recording in enumerate(plain.recordings):
+        motion = synthetic.motion(10 * seed + k, (0.1, 0.2, 0.3)[k], duration)
         link = reading(on_link or truth, motion, recording.t)
         sensor = (1.0 + SCALE) * link + ZERO + NOISE * rng.standard_normal(link.shape)
         told.append(replace(recording, tau_sensor=sensor))

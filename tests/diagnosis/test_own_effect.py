@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import synthetic
+from synthetic import Truth
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.diagnose import diagnose
@@ -59,17 +59,8 @@ def found_beside(
     torque: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> dict[str, Any]:
     """The only finding on recordings of another simulator, with a torque on joint 2 that depends on q and dq."""
-    plain = synthetic.case(duration=6.0)
-    recordings = []
-    for k, (recording, frequency) in enumerate(
-        zip(plain.recordings, (0.1, 0.2, 0.3), strict=True)
-    ):
-        motion = synthetic.motion(k, frequency, 6.0)
-        t = recording.t + synthetic.SKEW
-        tau = recording.tau.copy()
-        tau[:, 1] += torque(recording.q[:, 1], motion.velocity(t)[:, 1])
-        recordings.append(replace(recording, tau=tau))
-    document = diagnose(replace(plain, recordings=tuple(recordings))).document
+    truth = Truth(extra=lambda t, q, dq: np.outer(torque(q[:, 1], dq[:, 1]), [0, 1, 0]))
+    document = diagnose(synthetic.case(truth, duration=6.0)).document
     assert document["verdict"] == "effects_found"
     (found,) = document["effects"]
     assert found["joints"] == [2]

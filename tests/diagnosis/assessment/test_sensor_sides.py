@@ -13,13 +13,11 @@ import pytest
 import sensed
 import synthetic
 from rich.console import Console
-from synthetic import Truth
+from synthetic import Truth, named
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.assessment.sensor_sides import (
-    link_torque,
-)
+from gapscope.diagnosis.assessment.sensor_sides import link_torque
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.wording import sides_sentence
@@ -30,10 +28,10 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.reports.diagnosis import render, summary
 
 
-def named(document: dict[str, Any]) -> list[tuple[str, list[int]]]:
-    return sorted(
-        (effect["effect"], effect["joints"]) for effect in document["effects"]
-    )
+def gaps(document: dict[str, Any], side: str) -> list[np.ndarray]:
+    """Gaps of the joints on a side, before and after."""
+    stages = (document["sides"][side][stage] for stage in ("before", "after"))
+    return [np.array(stage["torque_nrmse"]) for stage in stages]
 
 
 @cache
@@ -48,21 +46,19 @@ def test_the_side_is_that_of_the_torque_behind_the_gear(name: str) -> None:
     motion = synthetic.motion(3)
     t = np.arange(500) / 250.0
     moved = Motion(t, motion.position(t), motion.velocity(t), motion.acceleration(t))
-    effect = CATALOGUE[name]
+    effect, per_joint = CATALOGUE[name], CATALOGUE[name].scope == "joint"
+    given = {
+        "com": [0.05] * 3,
+        "force": [10.0] * 3,
+        "link": 2.0,
+        "start": 0.5,
+        "end": 1.5,
+    }
     values = {
-        p.name: np.array(
-            [p.typical[1]] * 3 if effect.scope == "joint" else p.typical[1]
-        )
+        p.name: given.get(p.name, [p.typical[1]] * 3 if per_joint else p.typical[1])
         for p in effect.parameters
     }
-    for vector in ("com", "force"):
-        if vector in values:
-            values[vector] = np.full(3, 0.05 if vector == "com" else 10.0)
-    values |= {"link": np.array(2.0)} if "link" in values else {}
-    values |= (
-        {"start": np.array(0.5), "end": np.array(1.5)} if "start" in values else {}
-    )
-    applied = AppliedEffect(name, (1, 2, 3) if effect.scope == "joint" else (), values)
+    applied = AppliedEffect(name, (1, 2, 3) if per_joint else (), values)
     body = RigidBody(synthetic.arm())
     plain, changed = (
         link_torque(CorrectedArm(synthetic.arm(), e), body, moved)
@@ -72,25 +68,19 @@ def test_the_side_is_that_of_the_torque_behind_the_gear(name: str) -> None:
 
 
 def test_friction_lies_on_the_actuator_side() -> None:
-    document = rubbing().document
+    result = rubbing()
+    document, sides = result.document, result.document["sides"]
     validate(document)
-    sides = document["sides"]
-    assert named(document) == [("coulomb_friction", [2])]
+    assert named(result) == [("coulomb_friction", (2,))]
     assert sides["carried_by"] == ["neither", "actuator", "neither"]
-    assert sides["effects"] == [
-        {"effect": "coulomb_friction", "joints": [2], "side": "actuator"}
-    ]
-    before, after = (
-        sides["actuator"][stage]["torque_nrmse"] for stage in ("before", "after")
-    )
-    assert before[1] == pytest.approx(
-        document["gap"]["before"]["torque_nrmse"][1], rel=0.05
-    )
+    friction = {"effect": "coulomb_friction", "joints": [2], "side": "actuator"}
+    assert sides["effects"] == [friction]
+    before, after = gaps(document, "actuator")
+    whole = document["gap"]["before"]["torque_nrmse"]
+    assert before[1] == pytest.approx(whole[1], rel=0.05)
     assert after[1] < 0.2 * before[1]
-    link = sides["link"]
-    assert link["before"]["torque_nrmse"] == pytest.approx(
-        link["after"]["torque_nrmse"], abs=2e-3
-    )
+    before, after = gaps(document, "link")
+    assert before == pytest.approx(after, abs=2e-3)
 
 
 def test_errors_of_the_sensors_are_not_taken_for_effects() -> None:
@@ -109,12 +99,10 @@ def carrying() -> Diagnosis:
 
 def test_a_payload_lies_on_the_link_side() -> None:
     sides = carrying().document["sides"]
-    assert named(carrying().document) == [("payload", [])]
+    assert named(carrying()) == [("payload", ())]
     assert sides["carried_by"][1:] == ["link", "link"]
     assert sides["effects"] == [{"effect": "payload", "joints": [], "side": "link"}]
-    before, after = (
-        np.array(sides["link"][stage]["torque_nrmse"]) for stage in ("before", "after")
-    )
+    before, after = gaps(carrying().document, "link")
     assert (after[1:] < 0.3 * before[1:]).all()
 
 
@@ -122,14 +110,13 @@ def test_a_finding_on_the_wrong_side_closes_nothing_where_the_gap_lies() -> None
     """A torque that looks like a spring, which the sensors do not see."""
     looks = Truth(extra=lambda t, q, dq: np.array([0.0, 4.0, 0.0]) * (q - 0.3))
     case = sensed.case(looks, on_link=Truth(), duration=10.0)
-    both = diagnose(replace(case, recordings=case.recordings[:2])).document
-    assert named(both) == [("parallel_spring", [2])]
-    sides = both["sides"]
+    both = diagnose(replace(case, recordings=case.recordings[:2]))
+    assert named(both) == [("parallel_spring", (2,))]
+    sides = both.document["sides"]
     assert [entry["side"] for entry in sides["effects"]] == ["link"]
     assert sides["carried_by"][1] in ("actuator", "both")
-    gaps = sides["actuator"]["before"], sides["actuator"]["after"]
-    before, after = (gap["torque_nrmse"][1] for gap in gaps)
-    assert before > 0.1 and after == pytest.approx(before, rel=0.01)
+    before, after = gaps(both.document, "actuator")
+    assert before[1] > 0.1 and after[1] == pytest.approx(before[1], rel=0.01)
 
 
 def test_a_load_and_wrong_torque_constants_lie_on_both_sides() -> None:
@@ -144,28 +131,22 @@ def test_a_recording_without_sensors_counts_as_before() -> None:
     case = sensed.case(Truth(coulomb=(0.0, 2.0, 0.0)), duration=5.0)
     first, *others = case.recordings
     mixed = (first, *(replace(r, tau_sensor=None) for r in others))
-    document = diagnose(replace(case, recordings=mixed)).document
+    result = diagnose(replace(case, recordings=mixed))
+    document = result.document
     validate(document)
-    assert named(document) == [("coulomb_friction", [2])]
+    assert named(result) == [("coulomb_friction", (2,))]
     assert document["sides"]["recordings"] == [first.name]
 
 
 def test_report_and_summary_tell_the_side(tmp_path: Path) -> None:
     render(rubbing(), tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert (
-        'id="sides"' in page
-        and 'href="#sides"' in page
-        and "Actuator side" in page
-        and "Link side" in page
-    )
-    assert "The gap lies on the actuator side of joint 2." in page
+    said = "The gap lies on the actuator side of joint 2."
+    there = ('id="sides"', 'href="#sides"', "Actuator side", "Link side", said)
+    assert [text for text in there if text not in page] == []
     stream = io.StringIO()
     Console(file=stream, width=80).print(summary(rubbing().document))
-    assert (
-        "By the torque sensors: The gap lies on the actuator side of joint 2."
-        in stream.getvalue()
-    )
+    assert f"By the torque sensors: {said}" in stream.getvalue()
 
 
 def test_sides_in_words() -> None:

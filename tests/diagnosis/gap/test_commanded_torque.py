@@ -49,15 +49,12 @@ def without(case: Case, *channels: str) -> Case:
 def test_it_is_the_torque_that_was_commanded(
     channels: tuple[str, ...], close: float
 ) -> None:
-    controller = case().controller
+    controller, bare = case().controller, without(case(), *channels).recordings
     assert controller is not None
-    for told, bare in zip(
-        case().recordings, without(case(), *channels).recordings, strict=True
-    ):
+    found = commanded_torques(case().arm, controller, bare)
+    for told, torque in zip(case().recordings, found, strict=True):
         assert told.tau is not None
-        torque = commanded_torques(case().arm, controller, [bare])[0]
-        inner = slice(75, -75)
-        error = np.sqrt(((torque - told.tau)[inner] ** 2).mean(axis=0))
+        error = np.sqrt(((torque - told.tau)[75:-75] ** 2).mean(axis=0))
         assert (error < close * told.tau.std(axis=0)).all()
 
 
@@ -74,14 +71,8 @@ def test_other_laws_commanded_it_too(
     kind: str, effects: tuple[AppliedEffect, ...]
 ) -> None:
     """What an integrator held when the recordings began is found, whatever load there is."""
-    made = record_case(
-        kind,
-        synthetic.arm(),
-        effects,
-        Plan(recordings=2, duration=6.0, noise=0.0),
-        np.random.default_rng(2),
-        controller=kind,
-    )
+    plan, rng = Plan(recordings=2, duration=6.0, noise=0.0), np.random.default_rng(2)
+    made = record_case(kind, synthetic.arm(), effects, plan, rng, controller=kind)
     controller = made.controller
     assert controller is not None and controller.kind == kind
     bare = without(made, "tau").recordings
@@ -111,16 +102,11 @@ def test_an_effect_is_found_without_the_torque() -> None:
     assert (effect["effect"], effect["joints"]) == ("coulomb_friction", [2])
     assert effect["parameters"]["torque"]["value"] == pytest.approx([2.0], rel=0.05)
     assert bare["torque_from"] == "controller"
-    assert bare["judged_on"].endswith(
-        "the torque there is the one that the controller must have commanded"
-    )
-    assert any(
-        "must have commanded" in warning and "gains" in warning
-        for warning in bare["warnings"]
-    )
-    before, after = (
-        np.array(bare["gap"][stage]["replay_rmse"]) for stage in ("before", "after")
-    )
+    said = "the torque there is the one that the controller must have commanded"
+    assert bare["judged_on"].endswith(said)
+    (warning,) = (w for w in bare["warnings"] if "must have commanded" in w)
+    assert "gains" in warning
+    before, after = (bare["gap"][stage]["replay_rmse"] for stage in ("before", "after"))
     assert after[1] < 0.5 * before[1]
 
 
@@ -135,12 +121,9 @@ def test_recorded_torque_is_never_replaced() -> None:
 def test_without_controller_or_reference_the_error_says_what_to_do(
     unknown: str,
 ) -> None:
-    bare = (
-        without(case(), "tau")
-        if unknown == "controller"
-        else without(case(), "tau", "q_ref")
-    )
-    bare = replace(bare, controller=None) if unknown == "controller" else bare
+    silent = without(case(), "tau")
+    less = {"controller": replace(silent, controller=None)}
+    bare = less.get(unknown) or without(silent, "q_ref")
     with pytest.raises(GapscopeError, match="no recording carries a torque") as caught:
         diagnose(bare)
     assert "q_ref1" in str(caught.value) and "controller:" in str(caught.value)
@@ -151,21 +134,11 @@ def test_a_gap_in_time_is_not_bridged() -> None:
     assert controller is not None
     whole = case().recordings[0]
     kept = (whole.t < 2.5) | (whole.t > 3.0)
-    cut = replace(
-        whole,
-        t=whole.t[kept],
-        q=whole.q[kept],
-        tau=None,
-        dq=None,
-        q_ref=whole.q_ref[kept],
-        dq_ref=whole.dq_ref[kept],
-    )
+    cut = replace(whole.part(kept), tau=None, dq=None)
     assert whole.tau is not None
     torque = commanded_torques(case().arm, controller, [cut])[0]
-    late = cut.t > 3.4
-    assert (
-        np.abs(torque - whole.tau[kept])[late].max() < 0.2 * whole.tau.std(axis=0).max()
-    )
+    error = (torque - whole.tau[kept])[cut.t > 3.4]
+    assert np.abs(error).max() < 0.2 * whole.tau.std(axis=0).max()
 
 
 @pytest.mark.slow
