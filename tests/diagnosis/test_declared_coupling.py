@@ -26,7 +26,7 @@ TRUTH = Truth(extra=motor_friction)
 
 
 def test_declared_it_is_named_on_the_motor_and_predicted() -> None:
-    case = synthetic.case(TRUTH, seed=3)
+    case = synthetic.case(TRUTH, seed=3, duration=6.0)
     found = diagnose(replace(case, arm=replace(case.arm, coupling=COUPLING)))
     validate(found.document)
     effects = {e["effect"]: e for e in found.document["effects"]}
@@ -43,7 +43,7 @@ def test_declared_it_is_named_on_the_motor_and_predicted() -> None:
 
 
 def test_undeclared_it_is_asked_for() -> None:
-    document = synthetic.diagnosed(TRUTH, seed=3).document
+    document = synthetic.diagnosed(TRUTH, seed=3, duration=6.0).document
     coupling = document["unexplained"]["coupling"]
     assert coupling["joints"] == [2, 3]
     assert coupling["declare"] == {"motor": 3, "joint": 2, "ratio": -1.0}
@@ -63,5 +63,5 @@ def test_undeclared_it_is_asked_for() -> None:
     ids=["friction of both joints", "no friction"],
 )
 def test_others_are_not_asked_for_a_coupling(truth: Truth) -> None:
-    document = synthetic.diagnosed(truth, seed=5).document
+    document = synthetic.diagnosed(truth, seed=5, duration=5.0).document
     assert document["unexplained"]["coupling"] is None
