@@ -33,12 +33,8 @@ def case(at_work: Any, tmp_path: Path) -> Path:
     arm = at_work.arm
     sheet = {key: getattr(arm, key).tolist() for key in ("coulomb", "viscous")}
     sheet["armature"] = arm.armature.tolist()
-    content = {
-        "name": "watched",
-        "robot": str(arm.urdf),
-        "nominal": sheet,
-        "recordings": ["log.csv"],
-    }
+    content = {"name": "watched", "robot": str(arm.urdf), "nominal": sheet}
+    content["recordings"] = ["log.csv"]
     file = tmp_path / "case.yaml"
     file.write_text(yaml.safe_dump(content), encoding="utf-8")
     return file
@@ -88,10 +84,8 @@ def test_restarted_watch_says_the_same_as_one_that_ran_through(
     lines = (out / "events.jsonl").read_text(encoding="utf-8").splitlines()
     stored = [json.loads(line) for line in lines]
     assert [entry["number"] for entry in stored] == [1, 2]
-    through = Watch(
-        CorrectedArm(at_work.arm),
-        WatchSettings(tmp_path / "log.csv", learning=20.0, until_idle=0.0),
-    )
+    settings = WatchSettings(tmp_path / "log.csv", learning=20.0, until_idle=0.0)
+    through = Watch(CorrectedArm(at_work.arm), settings)
     once = [json.loads(e.as_line(k)) for k, e in enumerate(through.run(), start=1)]
     assert stored == once
     for entry in stored:
@@ -138,22 +132,20 @@ def test_once_reads_a_log_to_its_end(
 
 
 @pytest.mark.parametrize(
-    ("number", "option"),
+    ("name", "numbers", "option"),
     [
-        ({"learning": float("nan")}, "--learn"),
-        ({"learning": float("inf")}, "--learn"),
-        ({"learning": 5.0}, "--learn"),
-        ({"false_alarms": float("nan")}, "--false-alarms"),
-        ({"false_alarms": 0.0}, "--false-alarms"),
-        ({"rest": -5.0}, "--rest"),
-        ({"until_idle": float("nan")}, "--until-idle"),
+        ("learning", (float("nan"), float("inf"), 5.0), "--learn"),
+        ("false_alarms", (float("nan"), 0.0), "--false-alarms"),
+        ("rest", (-5.0,), "--rest"),
+        ("until_idle", (float("nan"),), "--until-idle"),
     ],
 )
 def test_a_number_that_makes_no_sense_names_its_option(
-    number: dict[str, float], option: str
+    name: str, numbers: tuple[float, ...], option: str
 ) -> None:
-    with pytest.raises(InputError, match=f"{option}: expected"):
-        WatchSettings(Path("log.csv"), **number)
+    for number in numbers:
+        with pytest.raises(InputError, match=f"{option}: expected"):
+            WatchSettings(Path("log.csv"), **{name: number})
 
 
 def test_once_fails_where_there_is_nothing_to_read(case: Path, tmp_path: Path) -> None:
