@@ -31,6 +31,12 @@ def near(*values: float, by: float) -> Any:
     return approx(list(values), abs=by)
 
 
+def gaps(document: dict[str, Any]) -> list[np.ndarray]:
+    """Gaps of the joints before and after."""
+    stages = ("before", "after")
+    return [np.array(document["gap"][stage]["torque_nrmse"]) for stage in stages]
+
+
 def on(joint: int, value: float) -> tuple[float, ...]:
     """A value on one joint, from 1, and none on the others."""
     return tuple(value if j == joint else 0.0 for j in (1, 2, 3))
@@ -39,125 +45,99 @@ def on(joint: int, value: float) -> tuple[float, ...]:
 # One effect at a time: its name, joints, values, and how sure it is.
 
 
+def alone(truth: Truth, *joints: int, **values: Any) -> tuple[Truth, Joints, Values]:
+    """An arm with one effect: its joints, and values that are near enough."""
+    return truth, joints, values
+
+
 EVERY: dict[str, tuple[Truth, Joints, Values]] = {
-    "coulomb_friction": (
-        Truth(coulomb=(0.0, 2.0, 0.8)),
-        (2, 3),
-        {"torque": near(2.0, 0.8, by=0.1)},
+    "coulomb_friction": alone(
+        Truth(coulomb=(0.0, 2.0, 0.8)), 2, 3, torque=near(2.0, 0.8, by=0.1)
     ),
-    "coulomb_friction below the data sheet": (
-        Truth(coulomb=on(1, -1.2)),
-        (1,),
-        {"torque": near(-1.2, by=0.06)},
+    "viscous_friction": alone(
+        Truth(viscous=on(1, 3.0)), 1, coefficient=near(3.0, by=0.15)
     ),
-    "viscous_friction": (
-        Truth(viscous=on(1, 3.0)),
-        (1,),
-        {"coefficient": near(3.0, by=0.15)},
+    "load_friction": alone(
+        Truth(load=(0.0, 0.15, 0.12)), 2, 3, coefficient=near(0.15, 0.12, by=0.0075)
     ),
-    "load_friction": (
-        Truth(load=(0.0, 0.15, 0.12)),
-        (2, 3),
-        {"coefficient": near(0.15, 0.12, by=0.0075)},
-    ),
-    "stribeck_friction": (
+    "stribeck_friction": alone(
         Truth(stribeck=on(2, 3.0), stribeck_speed=0.2),
-        (2,),
-        {"torque": near(3.0, by=0.15), "velocity": near(0.2, by=0.02)},
+        2,
+        torque=near(3.0, by=0.15),
+        velocity=near(0.2, by=0.02),
     ),
-    "saturating_friction": (
+    "saturating_friction": alone(
         Truth(saturation=(0.0, 6.0, 2.0), saturation_speed=0.3),
-        (2, 3),
-        {"torque": near(6.0, 2.0, by=0.3), "velocity": near(0.3, 0.3, by=0.05)},
+        *(2, 3),
+        torque=near(6.0, 2.0, by=0.3),
+        velocity=near(0.3, 0.3, by=0.05),
     ),
-    "friction_drift": (
+    "friction_drift": alone(
         Truth(drift=on(2, 0.8), drift_time=3.0),
-        (2,),
-        {"amplitude": near(0.8, by=0.04), "time_constant": near(3.0, by=0.3)},
+        2,
+        amplitude=near(0.8, by=0.04),
+        time_constant=near(3.0, by=0.3),
     ),
-    "payload": (
+    "payload": alone(
         Truth(mass=1.5, com=(0.2, 0.03, 0.02)),
-        (),
-        {"mass": approx(1.5, abs=0.075), "com": near(0.2, 0.03, 0.02, by=0.01)},
+        mass=approx(1.5, abs=0.075),
+        com=near(0.2, 0.03, 0.02, by=0.01),
     ),
-    "link_inertia": (
+    "link_inertia": alone(
         Truth(link=2, link_mass=2.0, link_com=(0.03, 0.0, 0.0)),
-        (),
-        {
-            "link": 2,
-            "mass": approx(2.0, abs=0.2),
-            "com": near(0.03, 0.0, 0.0, by=0.01),
-        },
+        link=2,
+        mass=approx(2.0, abs=0.2),
+        com=near(0.03, 0.0, 0.0, by=0.01),
     ),
-    "armature": (
-        Truth(armature=(0.5, 0.0, 0.3)),
-        (1, 3),
-        {"inertia": near(0.5, 0.3, by=0.025)},
+    "armature": alone(
+        Truth(armature=(0.5, 0.0, 0.3)), 1, 3, inertia=near(0.5, 0.3, by=0.025)
     ),
-    "base_tilt": (
+    "base_tilt": alone(
         Truth(tilt=(0.05, -0.03)),
-        (),
-        {"roll": approx(0.05, abs=0.0025), "pitch": approx(-0.03, abs=0.005)},
+        roll=approx(0.05, abs=0.0025),
+        pitch=approx(-0.03, abs=0.005),
     ),
-    "joint_elasticity": (
+    "joint_elasticity": alone(
         Truth(stiffness=on(1, 1500.0), damping=on(1, 3.0)),
-        (1,),
-        {"stiffness": near(1500.0, by=150.0)},
+        1,
+        stiffness=near(1500.0, by=150.0),
     ),
-    "backlash": (Truth(play=on(1, 0.003)), (1,), {"width": near(0.003, by=9e-4)}),
-    "torque_ripple": (
+    "backlash": alone(Truth(play=on(1, 0.003)), 1, width=near(0.003, by=9e-4)),
+    "torque_ripple": alone(
         Truth(ripple=on(2, 1.5), cycles=16.0, phase=0.7),
-        (2,),
-        {
-            "amplitude": near(1.5, by=0.075),
-            "cycles": near(16.0, by=0.1),
-            "phase": near(0.7, by=0.1),
-        },
+        2,
+        amplitude=near(1.5, by=0.075),
+        cycles=near(16.0, by=0.1),
+        phase=near(0.7, by=0.1),
     ),
-    "parallel_spring": (
+    "parallel_spring": alone(
         Truth(spring=on(2, 6.0), rest=0.3),
-        (2,),
-        {"stiffness": near(6.0, by=0.3), "rest": near(0.3, by=0.02)},
+        2,
+        stiffness=near(6.0, by=0.3),
+        rest=near(0.3, by=0.02),
     ),
-    "torque_scale": (Truth(scale=on(2, 0.2)), (2,), {"scale": near(0.2, by=0.01)}),
-    "torque_scale below one": (
-        Truth(scale=on(3, -0.2)),
-        (3,),
-        {"scale": near(-0.2, by=0.01)},
+    "torque_scale": alone(Truth(scale=on(2, 0.2)), 2, scale=near(0.2, by=0.01)),
+    "torque_scale below one": alone(
+        Truth(scale=on(3, -0.2)), 3, scale=near(-0.2, by=0.01)
     ),
-    "torque_offset": (
-        Truth(offset=(1.0, 0.0, -0.7)),
-        (1, 3),
-        {"torque": near(1.0, -0.7, by=0.05)},
+    "torque_offset": alone(
+        Truth(offset=(1.0, 0.0, -0.7)), 1, 3, torque=near(1.0, -0.7, by=0.05)
     ),
-    "torque_saturation": (
-        Truth(limit=on(2, 40.0)),
-        (2,),
-        {"limit": near(40.0, by=2.0)},
+    "torque_saturation": alone(Truth(limit=on(2, 40.0)), 2, limit=near(40.0, by=2.0)),
+    "actuator_lag": alone(
+        Truth(lag=on(2, 0.012)), 2, time_constant=near(0.012, by=0.0012)
     ),
-    "actuator_lag": (
-        Truth(lag=on(2, 0.012)),
-        (2,),
-        {"time_constant": near(0.012, by=0.0012)},
+    "actuator_delay": alone(
+        Truth(delay=(0.0, 0.012, 0.008)), 2, 3, delay=near(0.012, 0.008, by=7e-4)
     ),
-    "actuator_delay": (
-        Truth(delay=(0.0, 0.012, 0.008)),
-        (2, 3),
-        {"delay": near(0.012, 0.008, by=7e-4)},
+    "encoder_offset": alone(
+        Truth(encoder=on(2, 0.05)), 2, offset=near(0.05, by=0.0025)
     ),
-    "encoder_offset": (
-        Truth(encoder=on(2, 0.05)),
-        (2,),
-        {"offset": near(0.05, by=0.0025)},
-    ),
-    "external_force": (
+    "external_force": alone(
         Truth(force=(8.0, 0.0, -12.0), window=(2.0, 4.0)),
-        (),
-        {
-            "force": near(8.0, 0.0, -12.0, by=0.6),
-            "start": approx(2.0, abs=0.1),
-            "end": approx(4.0, abs=0.1),
-        },
+        force=near(8.0, 0.0, -12.0, by=0.6),
+        start=approx(2.0, abs=0.1),
+        end=approx(4.0, abs=0.1),
     ),
 }
 DAILY = ("stribeck_friction", "payload", "base_tilt", "torque_scale", "actuator_delay")
@@ -241,16 +221,10 @@ TOGETHER: dict[str, tuple[Truth, list[tuple[str, Joints]]]] = {
         Truth(**LOAD, coulomb=on(2, 2.0)),
         [FOUND_COULOMB, FOUND_LOAD],
     ),
-    "a heavy payload and friction": (
-        Truth(mass=2.0, com=(0.15, 0.0, 0.0), coulomb=on(2, 2.0)),
-        [FOUND_COULOMB, FOUND_LOAD],
-    ),
 }
 
 
-@pytest.mark.parametrize(
-    "label", daily(TOGETHER, *(list(TOGETHER)[k] for k in (0, 2, 4)))
-)
+@pytest.mark.parametrize("label", daily(TOGETHER, *list(TOGETHER)[::2]))
 def test_several_effects_are_told_apart(label: str) -> None:
     truth, expected = TOGETHER[label]
     result = diagnosed(truth, seed=2)
@@ -260,15 +234,10 @@ def test_several_effects_are_told_apart(label: str) -> None:
     assert [e.name for e in result.effects] == [e["effect"] for e in entries]
     shares = [entry["share"] for entry in entries]
     assert shares == sorted(shares, reverse=True) and 0.9 < sum(shares) <= 1.0 + 1e-9
-    before, after = (
-        np.array(document["gap"][stage]["torque_nrmse"])
-        for stage in ("before", "after")
-    )
+    before, after = gaps(document)
     for entry in entries:
-        only, without = (
-            np.array(entry[key]["torque_nrmse"])
-            for key in ("gap_with_only_this", "gap_without_this")
-        )
+        only = np.array(entry["gap_with_only_this"]["torque_nrmse"])
+        without = np.array(entry["gap_without_this"]["torque_nrmse"])
         assert (only < before - 0.01).any() and (without > after + 0.01).any()
 
 
@@ -348,14 +317,12 @@ def held(truth: Truth = COULOMB) -> Case:
 LOGS: dict[str, Callable[[], Case]] = {
     "one recording": lambda: with_each(kept, seed=8),
     "one silent, one late, one torn": lambda: with_each(silent, late, torn),
-    "one silent": lambda: with_each(silent, kept, kept),
     "all late": lambda: with_each(late, late, late),
-    "one torn": lambda: with_each(kept, kept, torn),
     "a joint that never moves": held,
     "torque clipped": lambda: with_each(clipped, clipped),
     "torque stuck": lambda: with_each(stuck, stuck),
 }
-LOGS_DAILY = (*list(LOGS)[:2], "a joint that never moves", "torque stuck")
+LOGS_DAILY = (*list(LOGS)[:2], "a joint that never moves")
 
 
 @pytest.mark.parametrize("label", daily(LOGS, *LOGS_DAILY))
@@ -406,8 +373,8 @@ def test_a_healthy_arm_has_no_gap(label: str) -> None:
     synthetic.validate(document)
     assert document["verdict"] == "no_gap"
     assert result.effects == () and document["effects"] == []
-    gap = document["gap"]
-    assert gap["before"]["torque_nrmse"] == gap["after"]["torque_nrmse"]
+    before, after = gaps(document)
+    assert (before == after).all()
     assert not document["unexplained"]["above_floor"]
 
 
@@ -417,7 +384,7 @@ def test_a_healthy_arm_has_no_gap(label: str) -> None:
         # 0.3 kg on a link of 3 kg leave a gap of 0.16, a healthy arm one of 0.005: this is not no_gap
         (Truth(mass=0.3, com=(0.15, 0.0, 0.0)), 0.1),
         # gaps of six to seventeen hundredths
-        (Truth(encoder=on(3, 0.06)), 0.05),
+        nightly(Truth(encoder=on(3, 0.06)), 0.05),
         nightly(Truth(link=2, link_mass=1.0, ripple=on(1, 1.5)), 0.05),
     ],
 )
@@ -443,12 +410,12 @@ def ripple(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
     return np.outer(np.sin(2 * np.pi * 5 * t), [0.0, 3.0, 0.0])
 
 
-def little_ripple(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    return 0.4 * ripple(t, q, dq)
+def little_ripple(*of: np.ndarray) -> np.ndarray:
+    return 0.4 * ripple(*of)
 
 
-def large_ripple(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    return 1.3 * ripple(t, q, dq)
+def large_ripple(*of: np.ndarray) -> np.ndarray:
+    return 1.3 * ripple(*of)
 
 
 def one_sided_drag(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -458,12 +425,11 @@ def one_sided_drag(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("extra", daily((ripple, one_sided_drag), ripple))
 def test_effect_outside_the_catalogue_is_unexplained_on_its_joint(extra: Any) -> None:
     document = diagnosed(Truth(extra=extra), seed=3).document
-    unexplained, gap = document["unexplained"], document["gap"]
+    unexplained = document["unexplained"]
     assert document["verdict"] == "unexplained"
     assert unexplained["above_floor"] and unexplained["share"] > 0.3
-    after = np.array(gap["after"]["torque_nrmse"])
-    floor = np.array(gap["before"]["floor"])
-    assert list(np.flatnonzero(after > 1.6 * floor) + 1) == [2]
+    floor = np.array(document["gap"]["before"]["floor"])
+    assert list(np.flatnonzero(gaps(document)[1] > 1.6 * floor) + 1) == [2]
     assert {region["joint"] for region in unexplained["where"]} <= {2}
     assert "joint 2" in document["next_recording"]
     assert all(effect["share"] < 0.9 for effect in document["effects"])
@@ -478,7 +444,7 @@ def test_effect_outside_the_catalogue_is_unexplained_on_its_joint(extra: Any) ->
         ((0.0, 4.0, 2.0), little_ripple, "effects_found", (2, 3)),
         # friction closes less of the gap than stays open, though more of its square
         (on(2, 4.0), large_ripple, "unexplained", (2,)),
-        ((4.0, 0.0, 2.0), little_ripple, "unexplained", (1, 3)),
+        nightly((4.0, 0.0, 2.0), little_ripple, "unexplained", (1, 3)),
         nightly(on(1, 1.0), ripple, "unexplained", (1,)),
     ],
 )
@@ -515,7 +481,7 @@ def test_every_effect_named_lowers_a_gap_by_a_hundredth() -> None:
         coulomb=(0.3, 2.0, 0.1), viscous=(0.1, 0.0, 0.3), armature=on(1, 0.05)
     )
     document = diagnosed(truth, seed=6).document
-    after = np.array(document["gap"]["after"]["torque_nrmse"])
+    _, after = gaps(document)
     for effect in document["effects"]:
         without = np.array(effect["gap_without_this"]["torque_nrmse"])
         assert (without - after).max() > 0.008
@@ -546,12 +512,8 @@ def test_standard_deviations_cover_the_errors() -> None:
 def test_recordings_of_different_rates() -> None:
     """A sine of 5 Hz is found in its band although the recordings have 125, 250 and 250 Hz."""
     case = synthetic.case(Truth(extra=ripple), 3)
-    mixed = replace(
-        case,
-        recordings=(
-            case.recordings[0].part(slice(None, None, 2)),
-            *case.recordings[1:],
-        ),
-    )
-    regions = diagnose(mixed).document["unexplained"]["where"]
+    first, *others = case.recordings
+    mixed = (first.part(slice(None, None, 2)), *others)
+    document = diagnose(replace(case, recordings=mixed)).document
+    regions = document["unexplained"]["where"]
     assert "4 to 8 Hz" in [region["regime"] for region in regions]
