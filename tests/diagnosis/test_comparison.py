@@ -19,7 +19,6 @@ from gapscope.diagnosis.comparison import (
     names_of,
     separated_by,
 )
-from gapscope.diagnosis.diagnose import SheetComparison
 from gapscope.diagnosis.selection.search import EVERYONE, search_of
 from gapscope.model.difference import Difference
 from gapscope.model.terms import Candidate, Term, Terms
@@ -135,10 +134,6 @@ def test_names_are_added_until_they_hold_nine_of_ten() -> None:
 # Values of cases, against the truth.
 
 
-def found(truth: Truth) -> SheetComparison:
-    return synthetic.examined(truth, 5)
-
-
 RIPPLE = Truth(ripple=(0.0, 1.5, 0.0), cycles=16.0)
 LATE = Truth(delay=(0.0, 0.012, 0.0))
 STIFF = Truth(coulomb=(0.0, 1.0, 0.0))
@@ -153,14 +148,11 @@ STIFF = Truth(coulomb=(0.0, 1.0, 0.0))
     ],
 )
 def test_an_interval_holds_the_truth_and_is_narrow(truth, finding, name, value) -> None:
-    entry = found(truth).parameters(finding)[name]
+    entry = synthetic.examined(truth, 5).parameters(finding)[name]
     half = 1.96 * np.ravel(entry["std"])
     assert np.abs(np.ravel(entry["value"]) - value) < half < 0.2 * value
-
-
-def test_a_delay_is_uncertain_by_the_skew_of_sampling_too() -> None:
-    late = found(LATE).parameters("actuator_delay")
-    assert late["delay"]["std"][0] >= SAMPLING_SKEW
+    # a delay is uncertain by the skew of sampling too
+    assert finding != "actuator_delay" or entry["std"][0] >= SAMPLING_SKEW
 
 
 def searched(*recordings: Recording) -> Comparison:

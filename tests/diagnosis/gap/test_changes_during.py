@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from arms import iiwa_of_three
 from cases import changed_during
+from sweeps import nightly
 
 from gapscope.arm.case import Case, load_case
 from gapscope.diagnosis.diagnose import SheetComparison, examine
@@ -92,10 +93,8 @@ def test_a_diagnosis_names_the_changes_and_no_effect(
     document = found.document
     validate(document)
     changes = {change["recording"]: change for change in document["changes"]}
-    assert {name: change["what"] for name, change in changes.items()} == {
-        "load": "payload",
-        "friction": "friction",
-    }
+    what = {name: change["what"] for name, change in changes.items()}
+    assert what == {"load": "payload", "friction": "friction"}
     assert document["verdict"] == "effects_found" and document["effects"] == []
     # what is corrected has each from its moment on
     states = {
@@ -118,13 +117,8 @@ def test_a_force_for_a_while_is_one(tmp_path: Path) -> None:
     force = np.array([-12.0, 9.0, 6.0])
     times = {"start": np.array(2.5), "end": np.array(4.7)}
     effect = AppliedEffect("external_force", (), {"force": force, **times})
-    case = changed_during(
-        "pushed",
-        tmp_path,
-        {"pushed": (2.0, (effect,))},
-        *("healthy", "pushed"),
-        arm=iiwa_of_three(),
-    )
+    later, names = {"pushed": (2.0, (effect,))}, ("healthy", "pushed")
+    case = changed_during("pushed", tmp_path, later, *names, arm=iiwa_of_three())
     begins, ends = changes_of(case.recordings, case.arm).during
     assert begins.term.effect == ends.term.effect == effect.name
     assert begins.interval[0] <= 2.5 <= begins.interval[1]
@@ -138,7 +132,7 @@ def test_a_force_for_a_while_is_one(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "joint", "moment", "factor"),
-    [("emps", 1, 16.94, 1.3), ("ur10", 3, 10.4, 1.45)],
+    [("emps", 1, 16.94, 1.3), nightly("ur10", 3, 10.4, 1.45)],
 )
 def test_a_constant_of_a_real_drive_changes_at_once(
     data_root: Path,
