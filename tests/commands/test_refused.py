@@ -32,6 +32,7 @@ WORDS = {
         predict c |
         diagnose case --out '' | an argument is empty (after --out)
         gap '{tmp}/[red]case[/red]' | [red]case[/red]
+        matter {sick} --task {sick}/recording_0.csv | give --model corrected.yaml
         diagnose {sick} {healthy} --out {out} --backend cluster | --backend; cluster
         diagnose {sick} --out {out} --backend cluster | --backend; cluster
         matter {sick} --task {sick}/recording_0.csv --model {corrected} --diagnosis {sick} | --model; give one
@@ -94,12 +95,16 @@ WORDS = {
         nominal --motions pick | three joints
         nominal --engine unity | unity
         nominal --law fuzzy | fuzzy
+        nominal --disturbances wind | wind
         nominal --bandwidth 0 | above zero
+        nominal --damping -1 | above zero
         missing.yaml | missing.yaml
         missing.json | missing.json
         nominl | did you mean 'nominal'
         pd pd | two models
+        {tmp}/odd.txt | unknown model
         pd --law computed --motions fourier | inertia
+        gravity --law computed --motions fourier | inertia
         nominal --effects missing.yaml | missing.yaml
         pd --env gapscope/ArmTraking-v0 | did you mean 'gapscope/ArmTracking-v0'
     """,
@@ -139,8 +144,6 @@ WORDS = {
         --out {out}.csv --payload -2 | payload; kg; remedy
         --out {out}.csv --payload 2 --payload-com up | --payload-com; x,y,z; remedy
         --out {out}.csv --fastest 0.1 | 0.25 Hz; remedy
-        --out {out}.csv --torque 0.0001 | allow no trajectory; gravity; remedy
-        --out {out}.csv --margin 3.5 | allow no trajectory; position; remedy
         --out {out}.txt | .csv; remedy
         --out {out}.csv --diagnosis {tmp} | diagnosis.json; remedy
     """,
@@ -199,6 +202,7 @@ STICTION = "{effect: stiction, joints: [1], parameters: {torque: [1]}}"
 BEYOND = "{effect: coulomb_friction, joints: [3], parameters: {torque: [1]}}"
 SLOW = "{effect: actuator_delay, joints: [1], parameters: {delay: [5]}}"
 NEGATIVE = "{effect: coulomb_friction, joints: [1], parameters: {torque: [-9]}}"
+PUSHED = "{effect: external_force, parameters: {force: [1, 1, 1], start: 0, end: 1}}"
 SEVEN = "kp: [9, 9, 9, 9, 9, 9, 9], kd: [1, 1, 1, 1, 1, 1, 1]"
 MODELS = f"""
     {{schema: 1, effects: [{STICTION}]}} | file.yaml, effects[0]: unknown effect 'stiction'
@@ -214,8 +218,35 @@ FILES = {
     "export {file} --case {sick} --format sdf --out {out}": f"""
         {{schema: 1, effects: [{NEGATIVE}]}} | file.yaml; effects[0]
     """,
+    "evaluate pd --robot {sick} --motions fourier --effects {file} --out {out}": f"""
+        {{schema: 1, effects: [{PUSHED}]}} | external force
+    """,
     "evaluate {tmp}/file.json --robot kuka_iiwa --out {out}": """
         {"files": {"case": "sick/case.yaml", "effects": "x.yaml"}} | file.json; yaw, pitch
+        { | not valid JSON
+        {} | names no files
+    """,
+    "train nominal --robot {sick} --agent {file} --out {out}": """
+        algoritm: ppo | file.yaml; algoritm; did you mean 'algorithm'
+        algorithm: a2c | file.yaml; algorithm: unknown algorithm 'a2c'
+        steps: many | steps: expected a whole number
+        steps: 0 | steps: expected a whole number
+        network: 64 | network: expected a list
+        bandwidth: -1 | bandwidth: expected a number above zero
+        action: torqe | did you mean 'torque'
+        motions: [fourie] | did you mean 'fourier'
+        hyperparameters: {learning_rat: 0.1} | did you mean 'learning_rate'
+        hyperparameters: {n_steps: 1.5} | hyperparameters.n_steps: expected a whole number
+        hyperparameters: {learning_rate: fast} | expected a number from 0 on, got 'fast'
+        hyperparameters: 3 | expected names with values
+        {algorithm: sac, hyperparameters: {ent_coef: automatic_}} | ent_coef
+        randomise: [payloads] | did you mean 'payload'
+        {randomise: [payload], severity: 2} | severity
+        tolerance: 0 | tolerance
+        seed: -1 | seed
+        parallel: 3 | parallel: expected true or false
+        [1, 2] | expected names with values
+        a: [ | file.yaml; not valid YAML
     """,
     f"{RECORD} --controller {{file}}": f"""
         {{rate: 500, kp: [9, 9], kd: [1, 1]}} | file.yaml, field kp: expected 7 entries, one per joint, got 2
