@@ -31,14 +31,13 @@ def course_to(goal: np.ndarray, duration: float) -> SampledReference:
     return SampledReference.of(motion, duration, DT, settle=0.0)
 
 
-@pytest.mark.parametrize("delay", [0.01, 0.03])
-def test_margin_of_a_joint_with_a_delay(floating: NominalArm, delay: float) -> None:
+def test_margin_of_a_joint_with_a_delay(floating: NominalArm) -> None:
     """L(s) = (w^2 + 2 zeta w s) exp(-s T) / s^2 has |L| = 1 at W = w sqrt(2 zeta^2 + sqrt(4 zeta^4 + 1)).
 
     Its limit is W T = atan(2 zeta W / w). To the delay come half a tick, for which the torque is held on average, and
     half a tick of the backward difference.
     """
-    zeta = 0.7
+    zeta, delay = 0.7, 0.02
     ratio = np.sqrt(2 * zeta**2 + np.sqrt(4 * zeta**4 + 1))
     limit = np.arctan(2 * zeta * ratio) / ratio / (delay + DT) / (2 * np.pi)
     effects = (AppliedEffect("actuator_delay", (1,), {"delay": [delay]}),)

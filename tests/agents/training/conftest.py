@@ -52,24 +52,13 @@ def short(algorithm: str = "ppo", **changed: Any) -> TrainingSettings:
         "exploration": 0.4,
         "smoothness": 0.01,
     }
-    if algorithm == "ppo":
-        values["hyperparameters"] = {
-            "n_steps": 64,
-            "n_epochs": 5,
-            "batch_size": 64,
-            "learning_rate": 3e-3,
-            "gamma": 0.8,
-        }
-    else:
-        values["hyperparameters"] = {
-            "learning_starts": 200,
-            "buffer_size": 5000,
-            "batch_size": 64,
-            "learning_rate": 2e-3,
-            "gamma": 0.8,
-            "train_freq": 2,
-            "gradient_steps": 2,
-        }
-        if algorithm == "sac":
-            values["hyperparameters"]["ent_coef"] = 0.003
+    own = {"ppo": PPO, "sac": OFF_POLICY | {"ent_coef": 0.003}}
+    values["hyperparameters"] = own.get(algorithm, OFF_POLICY)
     return TrainingSettings(**{**values, **changed})
+
+
+PPO = {"n_steps": 64, "n_epochs": 5, "batch_size": 64}
+PPO |= {"learning_rate": 3e-3, "gamma": 0.8}
+OFF_POLICY = {"learning_starts": 200, "buffer_size": 5000, "batch_size": 64}
+OFF_POLICY |= {"learning_rate": 2e-3, "gamma": 0.8}
+OFF_POLICY |= {"train_freq": 2, "gradient_steps": 2}

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,35 +29,29 @@ from gapscope.agents.training.training_loop import (
 from gapscope.agents.training.training_settings import ALGORITHMS, read_settings
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import carried
 
-from .conftest import rod, short
+from .conftest import PPO, rod, short
 
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
-SHORT = short(steps=256)
-PAYLOAD = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.5, 0.0, 0.0]})
+SHORT = short(steps=128, round_steps=128)
+PAYLOAD = carried(1.0, (0.5, 0.0, 0.0))
 
 
 def weights(folder: Path) -> dict[str, np.ndarray]:
     """All networks and optimisers of the last checkpoint."""
     from stable_baselines3.common.save_util import load_from_zip_file
+    from torch import is_tensor
+    from torch.utils._pytree import keystr, tree_flatten_with_path
 
     found = read_checkpoint(folder / CHECKPOINTS)
     assert found is not None
     parameters = load_from_zip_file(found[0] / WEIGHTS, load_data=False)[1]
 
-    def flat(name: str, content: object) -> dict[str, np.ndarray]:
-        if isinstance(content, dict):
-            return {
-                k: v
-                for key, value in content.items()
-                for k, v in flat(f"{name}.{key}", value).items()
-            }
-        return {name: np.asarray(content)} if hasattr(content, "numpy") else {}
-
-    return flat("", parameters)
+    leaves, _ = tree_flatten_with_path(parameters)
+    return {keystr(path): leaf.numpy() for path, leaf in leaves if is_tensor(leaf)}
 
 
 def same(one: Path, other: Path) -> None:
@@ -95,13 +91,7 @@ def test_an_agent_on_a_wrong_model_is_kept_and_helps_the_hidden_arm(
         seeds=6,
         tolerance=0.005,
         exploration=0.5,
-        hyperparameters={
-            "n_steps": 64,
-            "n_epochs": 5,
-            "batch_size": 512,
-            "learning_rate": 1e-2,
-            "gamma": 0.9,
-        },
+        hyperparameters=PPO | {"batch_size": 512, "learning_rate": 1e-2, "gamma": 0.9},
     )
     task = Task.of("nominal", arm, (PAYLOAD,))
     trained = Training(task, settings, tmp_path).run()
@@ -136,7 +126,7 @@ def test_the_untrained_agent_does_nothing(
 def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
     task: Task, algorithm: str, tmp_path: Path
 ) -> None:
-    settings = short(algorithm)
+    settings = short(algorithm, steps=256, round_steps=128)
     whole = Training(task, settings, tmp_path / "whole").run()
     Training(task, settings, tmp_path / "parts").run(rounds=1)
     resumed = Training(task, settings, tmp_path / "parts").run()
@@ -146,14 +136,14 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
 
 def test_hidden_effects_do_not_reach_training(arm: NominalArm, tmp_path: Path) -> None:
     for name, hidden in (("none", ()), ("payload", (PAYLOAD,))):
-        Training(Task.of("pd", arm, hidden), short(), tmp_path / name).run()
+        Training(Task.of("pd", arm, hidden), SHORT, tmp_path / name).run()
     same(tmp_path / "none", tmp_path / "payload")
 
 
 def test_training_ends_early_for_want_of_improvement(
     task: Task, tmp_path: Path
 ) -> None:
-    settings = short(steps=2048, patience=1, improvement=1.0)
+    settings = replace(SHORT, steps=2048, patience=1, improvement=1.0)
     trained = Training(task, settings, tmp_path).run()
     assert trained.stopped and len(trained.curve) == 2 and trained.best == 0
 
@@ -181,63 +171,47 @@ def test_what_is_not_installed_is_told(
         Training(task, short(), tmp_path)
 
 
-def test_an_agent_is_read_back_and_checked(
-    task: Task, arm: NominalArm, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    settings = SHORT
-    trained = Training(task, settings, out).run()
-    write_agent(task, trained, out)
-    agent, env = read_agent(out, arm), task.simulator(settings)
-    observation = env.reset(seed=3)[0]
-    np.testing.assert_array_equal(agent.act(observation), trained.policy(observation))
-    env.close()
-    with pytest.raises(InputError, match="hinge, not elbow"):
-        read_agent(out, rod(tmp_path, "elbow"))
-    policy = out / "policy.zip"
-    policy.write_bytes(policy.read_bytes()[:500])
-    with pytest.raises(InputError, match="cut short"):
-        read_agent(out, arm)
-    content = json.loads((out / "agent.json").read_text())
-    content["files"] = {}
-    (out / "agent.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match="no document of a trained agent"):
-        read_agent(out, arm)
-    with pytest.raises(InputError, match="no trained agent"):
-        read_agent(tmp_path, arm)
-
-
 @pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
 def test_hyperparameters_are_searched(task: Task, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
     from gapscope.agents.training.training_loop import tune
 
-    file = tune(task, short(steps=128, round_steps=128), 2, tmp_path)
+    file = tune(task, SHORT, 2, tmp_path)
     assert read_settings(file).steps == 128
-    assert tune(task, short(steps=128, round_steps=128), 2, tmp_path) == file
+    assert tune(task, SHORT, 2, tmp_path) == file
 
 
-def test_a_trained_agent_is_evaluated_beside_models(
+def test_an_agent_is_read_back_evaluated_beside_models_and_checked(
     task: Task, arm: NominalArm, tmp_path: Path
 ) -> None:
-    """Untrained it outputs zero: it tracks as its model does. Without its model's file it is refused."""
-    settings = short(steps=128, round_steps=128)
-    trained = Training(task, settings, tmp_path).run()
-    write_agent(task, trained, tmp_path)
-    agent = read_agent_model(tmp_path, arm)
-    plan = EvaluationPlan(
-        motions=("fourier",), seeds=(0,), disturbances=("none",), duration=1.0
-    )
-    episodes, margins = evaluate(
-        {"pd": None, "agent": agent}, TrackingBench(arm, (), plan)
-    )
+    """Of the first round it is kept as it was: it outputs zero, and tracks as its model does."""
+    out = tmp_path / "out"
+    trained = Training(task, SHORT, out).run()
+    content = write_agent(task, trained, out)
+    agent, env = read_agent(out, arm), task.simulator(SHORT)
+    observation = env.reset(seed=3)[0]
+    np.testing.assert_array_equal(agent.act(observation), trained.policy(observation))
+    env.close()
+    plan = EvaluationPlan(("fourier",), ("none",), (0,), duration=0.5)
+    models = {"pd": None, "agent": read_agent_model(out, arm)}
+    episodes, margins = evaluate(models, TrackingBench(arm, (), plan))
     pd, own = ({**episode, "model": ""} for episode in episodes)
     kept = trained.curve[trained.best]["steps"]
     assert (own == pd) == (kept == 0) and np.isfinite(own["joint_error"])
-    assert set(margins) == {(name, plan.engines[0]) for name in ("pd", "agent")}
+    assert set(margins) == {(name, plan.engines[0]) for name in models}
 
-    document = json.loads((tmp_path / "agent.json").read_text())
-    document["model"] = "gone/corrected.yaml"
-    (tmp_path / "agent.json").write_text(json.dumps(document))
-    with pytest.raises(InputError, match="which is not there"):
-        read_agent_model(tmp_path, arm)
+    def refused(message: str, read: Any = read_agent, **changed: Any) -> None:
+        (out / "agent.json").write_text(json.dumps(content | changed))
+        with pytest.raises(InputError, match=message):
+            read(out, arm)
+
+    with pytest.raises(InputError, match="hinge, not elbow"):
+        read_agent(out, rod(tmp_path, "elbow"))
+    refused("which is not there", read_agent_model, model="gone/corrected.yaml")
+    policy = out / "policy.zip"
+    policy.write_bytes(policy.read_bytes()[:500])
+    refused("cut short")
+    refused("no document of a trained agent", files={})
+    (out / "agent.json").unlink()
+    with pytest.raises(InputError, match="no trained agent"):
+        read_agent(out, arm)
