@@ -6,8 +6,8 @@ import io
 import json
 import shutil
 from collections.abc import Callable
-from contextlib import redirect_stdout
-from functools import cache
+from contextlib import redirect_stderr, redirect_stdout
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -61,23 +61,8 @@ def healthy(_cases: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(_cases / "healthy", tmp_path / "healthy"))
 
 
-def run_once(*arguments: object) -> str:
-    """What a command that succeeds writes to standard output, for fixtures of more than one test."""
-    with redirect_stdout(io.StringIO()) as said, pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    assert not ended.value.code
-    return said.getvalue()
-
-
-@pytest.fixture(scope="session")
-def _results(_cases: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("results")
-    run_once("diagnose", _cases / "sick", _cases / "healthy", "--out", out)
-    return out
-
-
-class Identified(NamedTuple):
-    """What ``identify`` left: its folder, which no test changes, its document, and standard output."""
+class Made(NamedTuple):
+    """What a command left: its folder, which no test changes, its document, and all that it said."""
 
     out: Path
     document: dict[str, Any]
@@ -85,31 +70,55 @@ class Identified(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def identified(
+def _made(
     _cases: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Callable[[str], Identified]:
-    """Identifies ``sick`` or ``healthy``, once."""
+) -> Callable[[str, str], Made]:
+    """Runs a command on a file of ``sick`` or ``healthy``, once."""
+    folder = tmp_path_factory.mktemp("made")
 
     @cache
-    def made(name: str) -> Identified:
-        out = tmp_path_factory.mktemp(f"{name}_identified")
-        said = run_once("identify", _cases / name, "--out", out)
-        text = (out / "identification.json").read_text(encoding="utf-8")
-        return Identified(out, json.loads(text), said)
+    def made(command: str, case: str) -> Made:
+        out, said = folder / command / Path(case).parts[0], io.StringIO()
+        with (
+            redirect_stdout(said),
+            redirect_stderr(said),
+            pytest.raises(SystemExit) as ended,
+        ):
+            main([command, str(_cases / case), "--out", str(out)])
+        assert not ended.value.code
+        (file,) = out.glob("*.json")
+        return Made(out, json.loads(file.read_text(encoding="utf-8")), said.getvalue())
 
     return made
 
 
-@pytest.fixture
-def both_results(_results: Path, tmp_path: Path) -> Path:
-    """What ``diagnose sick healthy --out both`` leaves; a copy that may be damaged."""
-    return Path(shutil.copytree(_results, tmp_path / "both"))
+@pytest.fixture(scope="session")
+def identified(_made: Callable[[str, str], Made]) -> Callable[[str], Made]:
+    """Identifies ``sick`` or ``healthy``, once."""
+    return partial(_made, "identify")
+
+
+@pytest.fixture(scope="session")
+def diagnosed(_made: Callable[[str, str], Made]) -> Made:
+    """The diagnosis of ``sick``."""
+    return _made("diagnose", "sick")
 
 
 @pytest.fixture
-def results(_results: Path, tmp_path: Path) -> Path:
+def results(diagnosed: Made, tmp_path: Path) -> Path:
     """What ``diagnose sick --out results`` leaves; a copy that may be damaged."""
-    return Path(shutil.copytree(_results / "sick", tmp_path / "results"))
+    return Path(shutil.copytree(diagnosed.out, tmp_path / "results"))
+
+
+@pytest.fixture
+def both_results(
+    results: Path, _made: Callable[[str, str], Made], tmp_path: Path
+) -> Path:
+    """The same beside what ``diagnose healthy/case.yaml`` leaves."""
+    healthy = _made("diagnose", "healthy/case.yaml").out
+    shutil.copytree(healthy, tmp_path / "both" / "healthy")
+    shutil.copytree(results, tmp_path / "both" / "sick")
+    return tmp_path / "both"
 
 
 @pytest.fixture

@@ -37,13 +37,21 @@ def texts(out: Path) -> dict[str, bytes]:
     }
 
 
-@pytest.mark.nightly
-def test_units_are_compared(
-    gapscope: Command, sick: Path, healthy: Path, other: Path, tmp_path: Path
+def test_what_is_whole_and_unchanged_is_kept_and_units_are_compared(
+    gapscope: Command,
+    sick: Path,
+    healthy: Path,
+    other: Path,
+    both_results: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    out = tmp_path / "out"
+    out = both_results
+    shutil.copytree(out / "sick", out / "other")
+    times = {path: path.stat().st_mtime_ns for path in out.glob("*/*")}
     done = gapscope("diagnose", sick, other, healthy, "--out", out)
     assert done.code == 0 and f"wrote {out / 'units.json'}" in done.out
+    assert done.out.count("kept from an earlier run") == 3
+    assert {path: path.stat().st_mtime_ns for path in out.glob("*/*")} == times
     (group,) = json.loads((out / "units.json").read_text(encoding="utf-8"))["groups"]
     (effect,) = group["effects"]
     place = effect["effect"], effect["joint"], effect["units"]
@@ -56,6 +64,35 @@ def test_units_are_compared(
     assert "on 2 of 3 units, alike" in summary and "Which unit is this?" in summary
     assert "sick and other cannot be told apart" in done.out
     assert "sick (other): Effects found" in done.out and "sick (other)" in summary
+    assert json.loads(texts(out)["healthy"])["verdict"] == "no_gap"
+    monkeypatch.setattr("gapscope.provenance.program", lambda: "another")
+    assert finished(sick, out / "sick") is None
+
+
+def test_what_changed_is_done_again_and_a_fault_of_the_program_stops_no_other_case(
+    gapscope: Command,
+    sick: Path,
+    healthy: Path,
+    both_results: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from gapscope.interface import diagnose as run
+
+    whole, out, first = run.diagnose_case, both_results, texts(both_results)
+
+    def faulty(case: Any, progress: Any) -> Any:
+        if case.name == "sick":
+            raise ZeroDivisionError("by chance")
+        return whole(case, progress)
+
+    monkeypatch.setattr(run, "diagnose_case", faulty)
+    with (sick / "recording_1.csv").open("a", encoding="utf-8") as file:
+        file.write("\n")
+    for more, kept in (((), 1), (("--again",), 0)):
+        done = gapscope("diagnose", sick, healthy, "--out", out, *more)
+        assert done.code == 1 and "ZeroDivisionError: by chance" in done.out
+        assert done.out.count("kept from an earlier run") == kept
+        assert texts(out) == {"healthy": first["healthy"]}
 
 
 @pytest.mark.parametrize(
@@ -131,32 +168,6 @@ def test_cases_are_compared_with_a_reference_that_is_identified_once(
     assert len(identified) == 2
 
 
-def test_what_is_whole_and_unchanged_is_kept(
-    gapscope: Command,
-    sick: Path,
-    healthy: Path,
-    both_results: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    out = both_results
-    first = texts(out)
-    times = {path: path.stat().st_mtime_ns for path in out.glob("*/*")}
-    done = gapscope("diagnose", sick, healthy, "--out", out)
-    assert done.code == 0 and done.out.count("kept from an earlier run") == 2
-    assert {path: path.stat().st_mtime_ns for path in out.glob("*/*")} == times
-
-    with (healthy / "recording_1.csv").open("a", encoding="utf-8") as file:
-        file.write("\n")
-    done = gapscope("diagnose", sick, healthy, "--out", out)
-    assert done.out.count("kept from an earlier run") == 1
-    assert "sick: Effects found" in done.out
-    done = gapscope("diagnose", sick, healthy, "--out", out, "--again")
-    assert "kept" not in done.out and texts(out)["sick"] == first["sick"]
-
-    monkeypatch.setattr("gapscope.provenance.program", lambda: "another")
-    assert finished(sick, out / "sick") is None
-
-
 @pytest.mark.parametrize("damage", ["half", "no report", "not of this program"])
 def test_what_is_not_whole_is_done_again(
     sick: Path, results: Path, damage: str
@@ -180,28 +191,6 @@ def test_moving_a_case_does_not_matter_changing_a_file_does(
     urdf = next(moved.glob("*.urdf"))
     urdf.write_text(urdf.read_text() + "\n")
     assert made_from(sick) != made_from(moved)
-
-
-def test_a_fault_of_the_program_in_one_case_does_not_stop_the_others(
-    gapscope: Command,
-    sick: Path,
-    healthy: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    from gapscope.interface import diagnose as run
-
-    whole = run.diagnose_case
-
-    def faulty(case: Any, progress: Any) -> Any:
-        if case.name == "sick":
-            raise ZeroDivisionError("by chance")
-        return whole(case, progress)
-
-    monkeypatch.setattr(run, "diagnose_case", faulty)
-    done = gapscope("diagnose", sick, healthy, "--out", tmp_path / "out")
-    assert done.code == 1 and "ZeroDivisionError: by chance" in done.out
-    assert (tmp_path / "out" / "healthy" / "diagnosis.json").is_file()
 
 
 def heeding_interrupts() -> None:
