@@ -66,18 +66,6 @@ def test_writes_its_files_and_names_them(identified: Once) -> None:
     assert document["questions"] == []
 
 
-def test_says_what_cannot_be_recovered(identified: Once) -> None:
-    """The first joint turns about the vertical: its link's mass, height and other moments do not show."""
-    parameters = identified("healthy").document["parameters"]
-    status = {p["name"]: p["status"] for p in parameters}
-    hidden = {"m1", "mx1", "my1", "mz1", "Ixx1", "Ixy1", "Iyy1", "Ixz1", "Iyz1"}
-    assert {name for name, s in status.items() if s == "not identifiable"} >= hidden
-    assert status["Izz1"] == "only in combination"
-    assert status["mx2"] == status["c1"] == "recovered"
-    unknown = [p for p in parameters if p["status"] != "recovered"]
-    assert all(p["std"] is None and p["reason"] for p in unknown)
-
-
 def test_the_identified_case_is_possible_and_predicts_as_well_as_the_report_says(
     gapscope: Command, sick: Path, identified: Once
 ) -> None:
@@ -96,10 +84,20 @@ def test_the_identified_case_is_possible_and_predicts_as_well_as_the_report_says
     read_corrected(out / "identified.yaml")
 
 
-def test_the_report_loads_nothing_and_says_what_the_recordings_tell(
-    identified: Once,
-) -> None:
-    out, document, _ = identified("healthy")
+def test_report_and_terminal_say_what_the_recordings_tell(identified: Once) -> None:
+    """The first joint turns about the vertical: its link's mass, height and other moments do not show."""
+    out, document, printed = identified("healthy")
+    said = " ".join(printed.split())
+    held = "fitted recording_0.csv, recording_1.csv; held out recording_2.csv"
+    assert held in said and document["warnings"]
+    assert all(warning[:60] in said for warning in document["warnings"])
+    status = {p["name"]: p["status"] for p in document["parameters"]}
+    hidden = {"m1", "mx1", "my1", "mz1", "Ixx1", "Ixy1", "Iyy1", "Ixz1", "Iyz1"}
+    assert {name for name, s in status.items() if s == "not identifiable"} >= hidden
+    assert status["Izz1"] == "only in combination"
+    assert status["mx2"] == status["c1"] == "recovered"
+    unknown = [p for p in document["parameters"] if p["status"] != "recovered"]
+    assert all(p["std"] is None and p["reason"] for p in unknown)
     text = (out / "report.html").read_text(encoding="utf-8")
     page = text[: text.index('id="curves"')]
     assert not re.search(r'(?:src|href)="(?!#)', page)
@@ -127,23 +125,6 @@ def test_the_report_loads_nothing_and_says_what_the_recordings_tell(
     np.testing.assert_allclose(consistent, values, rtol=1e-6, atol=1e-9)
 
 
-def test_judges_on_the_recording_named(identify: Command, healthy: Path) -> None:
-    _, document = identify(healthy, "--judge", "recording_0.csv")
-    fit, judged = document["validation"]
-    assert judged["recordings"] == ["recording_0.csv"]
-    assert fit["recordings"] == ["recording_1.csv", "recording_2.csv"]
-
-
-def test_terminal_names_what_was_fitted_and_judged_and_warns(
-    identified: Once,
-) -> None:
-    _, document, out = identified("healthy")
-    said = " ".join(out.split())
-    held = "fitted recording_0.csv, recording_1.csv; held out recording_2.csv"
-    assert held in said and document["warnings"]
-    assert all(warning[:60] in said for warning in document["warnings"])
-
-
 def test_worse_than_the_nominal_arm_is_the_first_line(
     identify: Command, healthy: Path
 ) -> None:
@@ -160,10 +141,14 @@ def test_worse_than_the_nominal_arm_is_the_first_line(
             assert change < 1e-4 * max(abs(entry["nominal"]), 1.0)
 
 
-def test_a_partial_update_says_what_it_moved(
+def test_a_partial_update_says_what_it_moved_and_judges_on_the_recording_named(
     identify: Command, sick: Path, tmp_path: Path
 ) -> None:
-    done, document = identify(sick, "--estimator", "partial_update")
+    judge = ("--judge", "recording_0.csv")
+    done, document = identify(sick, "--estimator", "partial_update", *judge)
+    fit, judged = document["validation"]
+    assert judged["recordings"] == ["recording_0.csv"]
+    assert fit["recordings"] == ["recording_1.csv", "recording_2.csv"]
     entries = document["base"]["parameters"]
     assert all(p["moved"] == (p["value"] != p["nominal"]) for p in entries)
     count = sum(p["moved"] for p in entries)

@@ -145,15 +145,6 @@ def test_sealed_truth_leaves_no_trace_in_the_case(
         assert not [word for word in secrets if word in content], path
 
 
-def test_without_a_seed_each_session_differs() -> None:
-    plan, arm = Plan(recordings=1, duration=1.0), iiwa()
-    first, second = (
-        record_case("made", arm, (), plan, np.random.default_rng()).recordings[0]
-        for _ in range(2)
-    )
-    assert not np.allclose(first.q, second.q)
-
-
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("read_back", daily((False, True), False))
 def test_torque_and_motion_belong_to_the_same_instant(
@@ -195,19 +186,17 @@ CONTROLLER = {"kind": "pd", "rate": 500, "kp": KP, "kd": [0.05 * k for k in KP]}
 CONTROLLER["feedforward"] = "gravity"
 
 
-@pytest.mark.parametrize("content", [CONTROLLER, {"controller": CONTROLLER}])
-def test_a_controller_from_a_file(
-    record: Command, tmp_path: Path, content: object
-) -> None:
+def test_a_controller_from_a_file(record: Command, tmp_path: Path) -> None:
     """The section alone, or under its key; it goes before the controller of a case."""
-    file = tmp_path / "controller.yaml"
-    file.write_text(yaml.safe_dump(content))
-    record("first")
-    robot = tmp_path / "first"
-    used = record("second", "--controller", file, robot=robot)[1].controller
-    assert (used.rate, used.feedforward) == (500.0, "gravity")
-    assert used.velocity_cutoff is None
-    np.testing.assert_array_equal(used.kp, KP)
+    record("case")
+    file, case = tmp_path / "controller.yaml", tmp_path / "case"
+    for robot, content in (("kuka_iiwa", CONTROLLER), (case, {"controller": CONTROLLER})):  # fmt: skip
+        file.write_text(yaml.safe_dump(content))
+        name = Path(robot).name
+        used = record(f"of_{name}", "--controller", file, robot=robot)[1].controller
+        assert (used.rate, used.feedforward) == (500.0, "gravity")
+        assert used.velocity_cutoff is None
+        np.testing.assert_array_equal(used.kp, KP)
 
 
 def test_setup_faults_are_recorded(

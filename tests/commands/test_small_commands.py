@@ -23,21 +23,18 @@ QUICK = ("--evaluations", 30, "--seed", 1, "--no-collisions", "--singular", 0)
 def test_an_open_question_gets_a_recording(
     gapscope: Command, sick: Path, open_question: Path, tmp_path: Path
 ) -> None:
-    """The same seed finds the same trajectory."""
-    for name in ("a", "b"):
-        more = ("--diagnosis", open_question, "--out", tmp_path / f"{name}.csv")
-        done = gapscope("advise", sick, *more, *QUICK)
-        assert done.code == 0, done.err
+    out = tmp_path / "next.csv"
+    done = gapscope("advise", sick, "--diagnosis", open_question, "--out", out, *QUICK)
+    assert done.code == 0, done.err
     endings = (".csv", ".yaml", ".html", "_slow.csv", "_slow.yaml")
-    names = [tmp_path / f"b{ending}" for ending in endings]
+    names = [tmp_path / f"next{ending}" for ending in endings]
     assert done.out.splitlines()[-5:] == [f"wrote {path}" for path in names]
     assert all(path.is_file() for path in names)
     rivals = "viscous friction (joint 2), or Coulomb friction (joint 2)"
     assert f"Still open: {rivals}" in done.said
     assert "the new recording is expected to give an evidence of" in done.said
     assert "Least margin to each limit" in done.out
-    assert read_sampled(names[0], 2).duration >= 10.0
-    assert names[0].read_bytes() == (tmp_path / "a.csv").read_bytes()
+    assert read_sampled(out, 2).duration >= 10.0
 
 
 def test_nothing_open_is_said_and_nothing_written(
@@ -48,7 +45,7 @@ def test_nothing_open_is_said_and_nothing_written(
     assert not list(tmp_path.glob("next.*"))
 
 
-def test_writes_page_and_document(
+def test_agreement_as_page_document_and_frame(
     gapscope: Command, healthy: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -58,12 +55,15 @@ def test_writes_page_and_document(
     assert f"wrote {out / 'agreement.html'}" in done.out
     content = valid_document(out / "agreement.json")
     assert content["recordings"] == [f"recording_{k}.csv" for k in range(3)]
-    verdicts = {one["verdict"] for one in content["parameters"]}
-    assert verdicts <= {"agrees", "not determined"}
     page = (out / "agreement.html").read_text(encoding="utf-8")
     body = page.partition("<body>")[2]
     assert not re.search(r"<(script|img|link|iframe)[^>]*(src|href)=", page)
     assert "Plotly.newPlot" in body and "Coulomb friction of joint 2" in body
+    result = package.agree(healthy)
+    frame = result.to_frame()
+    assert set(frame["verdict"]) <= {"agrees", "not determined"}
+    assert len(frame) == 3 * len(content["parameters"])
+    assert "recordings" in result.summary()
 
 
 def test_differences_are_said_in_words_and_on_the_page(
@@ -81,26 +81,14 @@ def test_differences_are_said_in_words_and_on_the_page(
     assert "Viscous friction of joint 2 differs" in page
 
 
-def test_python_interface_gives_the_same(healthy: Path) -> None:
-    result = package.agree(healthy)
-    frame = result.to_frame()
-    assert set(frame["verdict"]) <= {"agrees", "not determined"}
-    assert len(frame) == 3 * len(result.document["parameters"])
-    assert "recordings" in result.summary()
-
-
-def test_prints_the_worst_first_and_writes_nothing(
-    gapscope: Command, sick: Path
-) -> None:
-    done = gapscope("audit", "kuka_iiwa")
-    assert done.code == 0, done.err
-    assert "7 moving joints" in done.out and "wrote" not in done.out
-    assert done.out.index("missing: ") < done.out.index("note: ")
-
-
-def test_takes_a_case_and_writes_page_and_document(
+def test_audit_of_a_robot_and_of_a_case(
     gapscope: Command, sick: Path, tmp_path: Path
 ) -> None:
+    """The worst first; files only on request."""
+    done = gapscope("audit", "kuka_iiwa")
+    assert done.code == 0 and "wrote" not in done.out
+    assert "7 moving joints" in done.out
+    assert done.out.index("missing: ") < done.out.index("note: ")
     done = gapscope("audit", sick, "--out", tmp_path / "out")
     assert done.code == 0, done.err
     content = json.loads((tmp_path / "out" / "audit.json").read_text())
@@ -109,7 +97,7 @@ def test_takes_a_case_and_writes_page_and_document(
     assert "What is odd about two" in page and "https:" not in page
 
 
-@pytest.mark.parametrize("command", ["agree", "audit", "gap", "check"])
+@pytest.mark.parametrize("command", ["agree", "audit"])
 def test_prints_json_alone(gapscope: Command, healthy: Path, command: str) -> None:
     done = gapscope(command, healthy, "--json")
     assert done.code == 0, done.err

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 from rosbags.highlevel import AnyReader
 
 from gapscope.arm.case import load_case
@@ -26,18 +25,13 @@ def messages(path: Path) -> dict[str, list]:
     return found
 
 
-@pytest.fixture
-def viewed(gapscope, sick, tmp_path) -> tuple[Path, dict[str, list]]:
+def test_a_scene_holds_torques_arm_and_places_and_its_layout_names_them(
+    gapscope, sick, tmp_path
+):
     out = tmp_path / "scene.mcap"
     assert gapscope("view", sick, "--no-open", "--out", out).code == 0
-    return out, messages(out)
-
-
-def test_torques_are_those_of_recording_and_prediction(viewed, sick):
-    _, found = viewed
-    case = load_case(sick)
-    recorded = case.recordings[0].tau
-    predicted = predict(case, 0).tau
+    found, case = messages(out), load_case(sick)
+    recorded, predicted = case.recordings[0].tau, predict(case, 0).tau
     for topic, torque in (
         ("recorded", recorded),
         ("predicted", predicted),
@@ -46,25 +40,16 @@ def test_torques_are_those_of_recording_and_prediction(viewed, sick):
         written = [message.effort for message in found[f"/{topic}/joint_states"]]
         np.testing.assert_allclose(written, torque, atol=1e-12)
 
-
-def test_the_arm_is_described_and_placed(viewed, sick):
-    _, found = viewed
     assert "<robot" in found["/robot_description"][0].data
     frames = {t.child_frame_id for message in found["/tf"] for t in message.transforms}
     assert {"base", "upper", "lower"} <= frames
 
-
-def test_the_layout_names_topics_of_the_file(viewed):
-    out, found = viewed
     layout = json.loads(out.with_suffix(".foxglove.json").read_text())
-    paths = [
-        path["value"]
-        for panel in layout["configById"].values()
-        for path in panel.get("paths", ())
-    ]
-    assert paths
-    known = set(found) | {"/simulated/joint_states"}  # drawn empty without a replay
-    assert {path.split(".")[0] for path in paths} <= known
+    panels = layout["configById"].values()
+    paths = [path["value"] for panel in panels for path in panel.get("paths", ())]
+    # one is drawn empty without a replay
+    known = {*found, "/simulated/joint_states"}
+    assert paths and {path.split(".")[0] for path in paths} <= known
 
 
 def test_links_stand_where_kinematics_puts_the_tool():
