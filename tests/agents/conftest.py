@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from arms import YAW_PITCH, chain, changed
 
@@ -18,12 +17,6 @@ PENDULUM = changed([YAW_PITCH[1]], origin="0 0 1", **LINKS)
 def pendulum(tmp_path: Path) -> NominalArm:
     """2 kg at 0.5 m along x, 0.1 kg m^2 about its centre, a rotor of 0.4 kg m^2: 1 kg m^2 about its joint, along y."""
     return chain(tmp_path, "arm", *PENDULUM, armature=[0.4])
-
-
-@pytest.fixture
-def floating(tmp_path: Path) -> NominalArm:
-    """The pendulum without gravity."""
-    return chain(tmp_path, "arm", *PENDULUM, armature=[0.4], gravity=np.zeros(3))
 
 
 @pytest.fixture
