@@ -30,9 +30,6 @@ def test_names_are_offered_and_imported_when_used():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-def test_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="diagnos_all"):
         _ = gapscope.diagnos_all
 
@@ -104,7 +101,12 @@ def test_case_in_memory_is_told_apart_from_another(case):
     assert made_from(case)["case_sha256"] != made_from(other)["case_sha256"]
 
 
-def test_corrected_arm_predicts_better(case, result, tmp_path):
+def test_gap_prediction_and_replay_are_better_with_the_model(case, result, tmp_path):
+    before, after = gapscope.gap(case), gapscope.gap(case, result.corrected)
+    assert "torque NRMSE" in before.summary()
+    worst = [found.to_frame()["torque_nrmse"].max() for found in (before, after)]
+    assert worst[1] < 0.5 * worst[0]
+
     recorded = case.recordings[0].tau
     nominal, corrected = (
         gapscope.predict(case, 0, model) for model in (None, result.corrected)
@@ -114,30 +116,26 @@ def test_corrected_arm_predicts_better(case, result, tmp_path):
     (file,) = corrected.save(tmp_path)
     assert list(pd.read_csv(file).columns) == ["t", "tau1", "tau2", "tau3"]
 
-
-def test_gap_shrinks_with_the_model(case, result):
-    before = gapscope.gap(case).to_frame()
-    after = gapscope.gap(case, result.corrected).to_frame()
-    worst = before["torque_nrmse"].max()
-    assert after["torque_nrmse"].max() < 0.5 * worst
-    assert "torque NRMSE" in gapscope.gap(case).summary()
+    still = gapscope.replay(case, 0).rmse
+    assert gapscope.replay(case, 0, result.corrected).rmse[1] < still[1]
 
 
-def test_replay_under_recorded_torque(case, result):
-    nominal = gapscope.replay(case, 0).rmse
-    corrected = gapscope.replay(case, 0, result.corrected).rmse
-    assert corrected[1] < nominal[1]
-
-
-def test_identification_of_a_case_in_memory(case, tmp_path):
-    result = gapscope.identify(case)
-    paths = result.save(tmp_path)
-    assert {"report.html", "identification.json", "identified_case.yaml"} <= {
-        p.name for p in paths
-    }
+def test_identification_of_a_case_in_memory_and_the_first_screens(
+    case, result, tmp_path
+):
+    found = gapscope.identify(case)
+    names = {path.name for path in found.save(tmp_path)}
+    assert {"report.html", "identification.json", "identified_case.yaml"} <= names
     assert gapscope.load_case(tmp_path / "identified_case.yaml").arm.n_joints == 3
-    assert len(result.to_frame()) == result.identification.base.count
-    assert "RMS residual" in result.summary()
+    assert len(found.to_frame()) == found.identification.base.count
+    assert "RMS residual" in found.summary()
+    # a repr is the first screen
+    assert result.summary().startswith(repr(result).splitlines()[0])
+    for one in (result, gapscope.predict(case), found):
+        lines = repr(one).splitlines()
+        assert len(lines) <= 24 and max(map(len, lines)) <= 100
+        assert "array(" not in repr(one)
+    assert "print(result)" in repr(result) or len(result.summary().splitlines()) <= 24
 
 
 def test_comparison_with_itself_is_refused(case):
@@ -158,36 +156,24 @@ def test_frames_make_the_same_case_as_arrays(case):
 
 
 BAD = {
-    "a missing joint": (lambda t, q, tau: {"t": t, "q": q[:, :2], "tau": tau}, "q3"),
-    "one axis": (lambda t, q, tau: {"t": t, "q": q[:, 0], "tau": tau}, r"q: has shape"),
-    "too short": (
-        lambda t, q, tau: {"t": t[:20], "q": q[:20], "tau": tau[:20]},
-        "lasts",
-    ),
-    "a row less": (
-        lambda t, q, tau: {"t": t[:-1], "q": q, "tau": tau},
-        "recording_1: its arrays differ in length: t ",
-    ),
-    "empty": (lambda t, q, tau: {"t": t[:0], "q": q[:0]}, "recording_1: has no rows"),
-    "lists that differ": (lambda t, q, tau: {"t": t, "q": [q, q]}, "2 recordings"),
-    "nan": (
-        lambda t, q, tau: {
-            "t": t,
-            "q": np.where(np.arange(len(t))[:, None] % 2, np.nan, q),
-        },
-        "row 2, column q1: is not a finite number",
-    ),
+    "q3": lambda t, q: {"q": q[:, :2]},
+    "q: has shape": lambda t, q: {"q": q[:, 0]},
+    "lasts": lambda t, q: {"t": t[:20], "q": q[:20]},
+    "recording_1: its arrays differ in length: t ": lambda t, q: {"t": t[:-1]},
+    "recording_1: has no rows": lambda t, q: {"t": t[:0], "q": q[:0]},
+    "2 recordings": lambda t, q: {"q": [q, q]},
+    "row 2, column q1: is not a finite number": lambda t, q: {
+        "q": np.where(np.arange(len(t))[:, None] % 2, np.nan, q)
+    },
 }
+"""What is said of arrays, and the arrays."""
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_bad_arrays_are_refused_with_the_place(name, case):
-    make, place = BAD[name]
-    recording = case.recordings[0]
+@pytest.mark.parametrize("place", BAD)
+def test_bad_arrays_are_refused_with_the_place(place, case):
+    t, q = case.recordings[0].t, case.recordings[0].q
     with pytest.raises(InputError, match=place):
-        gapscope.Case.from_arrays(
-            arm(), **make(recording.t, recording.q, recording.tau)
-        )
+        gapscope.Case.from_arrays(arm(), **({"t": t, "q": q} | BAD[place](t, q)))
 
 
 GAINS = {"kp": [1] * 3, "kd": [1] * 3}
@@ -207,20 +193,9 @@ GAINS = {"kp": [1] * 3, "kd": [1] * 3}
     ],
 )  # fmt: skip
 def test_descriptions_in_memory_are_checked_as_those_of_files(description, place, case):
-    recording = case.recordings[0]
+    t, q = case.recordings[0].t, case.recordings[0].q
     with pytest.raises(InputError, match=place):
-        gapscope.Case.from_arrays(
-            arm().urdf, t=recording.t, q=recording.q, **description
-        )
-
-
-def test_repr_is_the_first_screen(case, result):
-    assert result.summary().startswith(repr(result).splitlines()[0])
-    for one in (result, gapscope.predict(case), gapscope.identify(case)):
-        lines = repr(one).splitlines()
-        assert len(lines) <= 24 and max(map(len, lines)) <= 100
-        assert "array(" not in repr(one)
-    assert "print(result)" in repr(result) or len(result.summary().splitlines()) <= 24
+        gapscope.Case.from_arrays(arm().urdf, t=t, q=q, **description)
 
 
 def test_a_case_in_memory_is_checked(case):
