@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +32,7 @@ from gapscope.ident.excitation.design import (
 from gapscope.ident.excitation.trajectory_search import Allowed, Budget, Checker
 from gapscope.reports.trajectory import write_trajectory
 
-Change = Callable[[Motion], Motion]
+Change = Callable[[Motion], object]
 DOWN = np.array([0.3, np.pi / 2 + 0.2, 0.0])
 
 
@@ -70,44 +71,33 @@ def test_arm_without_shapes_and_mass_is_refused_with_a_remedy(tmp_path: Path) ->
 BOX = (
     '<inertial><origin xyz="0 0 1"/><mass value="12"/>'
     '<inertia ixx="0.52" iyy="0.40" izz="0.20" ixy="0" ixz="0" iyz="0"/></inertial>'
-    '<collision><geometry><mesh filename="package://lost/b.stl"/></geometry></collision>'
+    '<collision><origin xyz="0 0 1"/><geometry><{}/></geometry></collision>'
 )
-
-
-def test_box_of_an_inertia_by_hand(tmp_path: Path) -> None:
-    """A box of 0.2 x 0.4 x 0.6 m and 12 kg has moments of 0.52, 0.40 and 0.20 kg m^2; its corner is 0.3 m below 1 m."""
-    path = tmp_path / "bare.urdf"
-    path.write_text(BARE.format(BOX))
-    arm = load_nominal_arm(path)
-    edges = box_edges(12.0, np.array([0.52, 0.40, 0.20]))
-    assert edges == pytest.approx([0.2, 0.4, 0.6])
-    with pytest.warns(ModelWarning, match="package://lost/b.stl: .*boxes"):
-        model = CollisionModel(arm, RigidBody(arm))
-    distance, pair = model.distance(np.array([[0.5]]))
-    assert "box of j" in model.pairs[pair[0]]
-    assert distance[0] == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize(
     ("shape", "said"),
     [
-        ('capsule radius="0.1" length="0.4"', []),
-        ("cone", ["<cone>, which is not read"]),
+        ('capsule radius="0.1" length="0.4"', None),
+        ('mesh filename="package://lost/b.stl"', "package://lost/b.stl: .*boxes"),
+        ("cone", "<cone>, which is not read"),
     ],
 )
-def test_capsules_are_read_and_boxes_stand_in_for_unknown_forms(
-    shape: str, said: list[str], tmp_path: Path, recwarn: pytest.WarningsRecorder
+def test_capsules_are_read_and_boxes_stand_in_for_other_forms(
+    shape: str, said: str | None, tmp_path: Path, recwarn: pytest.WarningsRecorder
 ) -> None:
-    """The capsule ends 0.3 m below its middle, as the box does."""
-    path, lost = tmp_path / "arm.urdf", '<mesh filename="package://lost/b.stl"/>'
-    box = BOX.replace(lost, f"<{shape}/>")
-    high = box.replace("<collision>", '<collision><origin xyz="0 0 1"/>')
-    path.write_text(BARE.format(high))
+    """A box of 0.2 x 0.4 x 0.6 m and 12 kg has these moments; it ends 0.3 m below 1 m, as the capsule does."""
+    assert box_edges(12.0, np.array([0.52, 0.40, 0.20])) == pytest.approx([0.2, 0.4, 0.6])  # fmt: skip
+    path = tmp_path / "arm.urdf"
+    path.write_text(BARE.format(BOX.format(shape)))
     arm = load_nominal_arm(path)
-    distance, _ = CollisionModel(arm, RigidBody(arm)).distance(np.array([[0.5]]))
+    model = CollisionModel(arm, RigidBody(arm))
+    distance, pair = model.distance(np.array([[0.5]]))
     assert distance[0] == pytest.approx(0.7)
+    assert ("box of j" in model.pairs[pair[0]]) == (said is not None)
     found = [str(warning.message) for warning in recwarn]
-    assert all(words in text for words, text in zip(said, found, strict=True))
+    assert len(found) == (said is not None)
+    assert all(re.search(str(said), text) for text in found)
 
 
 def test_boxes_stand_in_for_meshes_that_are_missing(tmp_path: Path) -> None:
@@ -163,24 +153,6 @@ def test_margins_say_how_far_when_and_which(
     assert set(margins) == expected.keys() | others
 
 
-def test_a_surface_without_a_height_is_refused(
-    arm: NominalArm, body: RigidBody
-) -> None:
-    with pytest.raises(InputError, match="surface: nan is no height"):
-        LimitPlan(surface=float("nan")).allowed(arm, body)
-
-
-ROOMLESS = ({"velocity": 0.0}, {"acceleration": -1.0}, {"margin": 2.6}, {"torque": 0.0})
-
-
-@pytest.mark.parametrize("bad", ROOMLESS, ids=str)
-def test_limits_without_room_are_refused(
-    bad: dict[str, float], arm: NominalArm, body: RigidBody
-) -> None:
-    with pytest.raises(InputError):
-        LimitPlan(**bad).allowed(arm, body)
-
-
 def test_torque_limits_come_from_the_data_sheet_first(
     arm: NominalArm, body: RigidBody
 ) -> None:
@@ -188,26 +160,6 @@ def test_torque_limits_come_from_the_data_sheet_first(
     for known, torque in ((arm, [30.0] * 3), (sheet, [5.0, 10.0, 15.0])):
         allowed = LimitPlan(torque=0.5).allowed(known, body)
         np.testing.assert_allclose(allowed.torque, torque)
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"criterion": "a"},
-        {"optimiser": "newton"},
-        {"frequency": 0.0},
-        {"frequency": 0.05, "duration": 10.0},
-        {"duration": 2.0},
-        {"frequency": 5.0, "rate": 200.0},
-        {"criterion": "separation", "effects": ("a", "b"), "optimiser": "gradient"},
-        {"rate": float("nan")},
-        {"rate": 1e9},
-        {"duration": 1e7},
-    ],
-)
-def test_plans_that_do_not_fit_together_are_refused(options: dict[str, object]) -> None:
-    with pytest.raises(InputError):
-        ExcitationPlan(**options)  # type: ignore[arg-type]
 
 
 # Files of a trajectory: read back they keep all limits; one that does not is not written; a slow version is beside.
@@ -242,47 +194,47 @@ def test_the_slow_version_is_the_same_path_at_a_fifth_of_the_speed(
         )
 
 
-def _faster(motion: Motion) -> Motion:
-    dq = motion.dq.copy()
-    dq[1000, 1] = 2.0
-    return replace(motion, dq=dq)
+def faster(m: Motion) -> None:
+    m.dq[1000, 1] = 2.0
 
 
-def _jerky(motion: Motion) -> Motion:
+def jerky(m: Motion) -> None:
     """Within the limit of acceleration, but from one side to the other within 4 ms."""
-    ddq = motion.ddq.copy()
-    ddq[1000:1002, 2] = 4.0, -4.0
-    return replace(motion, ddq=ddq)
+    m.ddq[1000:1002, 2] = 4.0, -4.0
 
 
-def _moving_at_last(motion: Motion) -> Motion:
-    return Motion(motion.t[:2000], motion.q[:2000], motion.dq[:2000], motion.ddq[:2000])
+def beyond(m: Motion) -> None:
+    m.q[:, 2] += 3.0
 
 
-def _beyond(motion: Motion) -> Motion:
-    return replace(motion, q=motion.q + np.array([0.0, 0.0, 3.0]))
-
-
-def _into_the_floor(motion: Motion) -> Motion:
+def into_the_floor(m: Motion) -> None:
     """Lift rests at 2.2 rad, within its limits, with the rest of the arm stretched below the floor."""
-    q = np.tile([0.0, 2.2, 0.0], (len(motion.t), 1))
-    return replace(motion, q=q, dq=0 * q, ddq=0 * q)
+    m.q[:] = [0.0, 2.2, 0.0]
+    m.dq[:] = m.ddq[:] = 0.0
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("change", "rows", "words"),
     [
-        (_faster, r"joint 2 breaks its limit of velocity by 0\.5\S* rad/s at 4\.000 s"),
-        (_jerky, r"joint 3 breaks its limit of jerk by .* rad/s\^3 at 4\.0"),
-        (_moving_at_last, r"joint \d does not rest at 7\.996 s"),
-        (_beyond, "joint 3 breaks its limit of position by .* rad"),
-        (_into_the_floor, "the arm breaks its limit of distance by .* m"),
+        (faster, 2501, r"joint 2 breaks its limit of velocity by 0\.5\S* rad/s at 4\.000 s"),
+        (jerky, 2501, r"joint 3 breaks its limit of jerk by .* rad/s\^3 at 4\.0"),
+        (str, 2000, r"joint \d does not rest at 7\.996 s"),
+        (beyond, 2501, "joint 3 breaks its limit of position by .* rad"),
+        (into_the_floor, 2501, "the arm breaks its limit of distance by .* m"),
     ],
-)
+)  # fmt: skip
 def test_what_breaks_a_limit_is_not_written(
-    changed: Change, words: str, found: Excitation, arm: NominalArm, tmp_path: Path
+    change: Change,
+    rows: int,
+    words: str,
+    found: Excitation,
+    arm: NominalArm,
+    tmp_path: Path,
 ) -> None:
-    spoilt = replace(found, motion=changed(found.motion))
+    m = found.motion
+    motion = Motion(*(x[:rows].copy() for x in (m.t, m.q, m.dq, m.ddq)))
+    change(motion)
+    spoilt = replace(found, motion=motion)
     with pytest.raises(GapscopeError, match=words) as refused:
         write_trajectory(spoilt, arm, PLAN, tmp_path / "x.csv")
     assert refused.value.remedy and not list(tmp_path.iterdir())

@@ -27,7 +27,7 @@ def world(arm):
     limits = {"speed": 1.3, "acceleration": 6.0, "frequency": 0.2}
     noise = {"encoder_step": 0.0, "encoder_noise": 2e-5, "torque_noise": 0.1}
 
-    def recorded(seed, effects=(), duration=8.0):
+    def recorded(seed, effects=(), duration=4.0):
         rng = np.random.default_rng(seed)
         motion = swinging(arm, rng, CENTRE, duration=duration, **limits)
         known = (arm, effects, motion, controller)

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import changed_during
+from cases import case_of, changed_during
 from scipy.signal import lfilter
 
-from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import check_document, plain
 from gapscope.arm.known_load import KnownLoad
@@ -71,7 +70,7 @@ def test_last_estimate_without_drift_is_that_of_weighted_least_squares() -> None
 
 def test_intervals_hold_the_truth_under_coloured_noise() -> None:
     inside = []
-    for seed in range(40):
+    for seed in range(20):
         estimate = kalman(made(seed, correlation=0.8))
         inside.append(np.abs(estimate.value - TRUTH) < 1.96 * estimate.deviation)
     assert np.mean(inside) > 0.93
@@ -110,7 +109,7 @@ def test_an_opening_lets_the_estimate_jump() -> None:
 
 def test_friction_moves_to_that_of_the_recording(world) -> None:
     more = AppliedEffect("viscous_friction", (2,), {"coefficient": [1.2]})
-    recording, known = world.recorded(3, effects=(more,), duration=4.0), world.regressor
+    recording, known = world.recorded(3, effects=(more,)), world.regressor
     nominal = dict(zip(known.names, known.nominal().tolist(), strict=True))
     found = follow_states(world.arm, recording, nominal, np.full(3, 0.1))
     assert found.friction.names == ("b1", "b2", "b3", "c1", "c2", "c3")
@@ -123,8 +122,9 @@ def test_friction_moves_to_that_of_the_recording(world) -> None:
 
 
 def test_what_it_cannot_follow_is_refused(world) -> None:
-    recording = world.recorded(1, duration=2.5)
-    silent, loaded = replace(recording, tau=None), replace(recording, payload=KnownLoad(1.0))  # fmt: skip
+    recording = world.recorded(1)
+    silent = replace(recording, tau=None)
+    loaded = replace(recording, payload=KnownLoad(1.0))
     coupled = replace(world.arm, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 1, 1]]))
     for message, arm, one in (
         ("no torque", world.arm, silent),
@@ -134,7 +134,7 @@ def test_what_it_cannot_follow_is_refused(world) -> None:
         with pytest.raises(InputError, match=message):
             follow_states(arm, one, {}, np.ones(3))
     # before anything is fitted
-    case, said = Case("loaded", Path(), world.arm, (loaded,), (recording,)), []
+    case, said = case_of("loaded", world.arm, loaded, judged=(recording,)), []
     with pytest.raises(InputError, match="leave --filter unscented out"):
         fit_parameters(case, IdentificationSettings(filter="unscented"), said.append)
     assert not said

@@ -14,7 +14,7 @@ from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.trajectory import motion_of
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.identification_json import write_base
 from gapscope.ident.model.base_parameters import (
@@ -49,13 +49,6 @@ def in_a_row(folder: Path, kinds: tuple[str, ...], axes: tuple[str, ...]) -> Nom
     return chain(folder, "chain", *links, gravity=(0.0, -9.81, 0.0))
 
 
-def measured(data_root: Path, name: str) -> NominalArm:
-    """An arm of which there are recordings, without the fingers that its URDF may have."""
-    urdf = next((data_root / name).glob("*.urdf"))
-    joints = load_nominal_arm(urdf).joints
-    return load_nominal_arm(urdf, joints=[x for x in joints if "finger" not in x])
-
-
 def gap(regressor: Regressor, count: int) -> float:
     """Smallest kept over largest dropped pivot of the columns, in states of their own."""
     states = random_states(regressor, np.random.default_rng(1), STATES)
@@ -69,28 +62,28 @@ def random_base(arm: NominalArm, quantities=()):
     return regressor, structural_base(regressor, np.random.default_rng(0))
 
 
+COUNTS = [
+    ("kuka_iiwa", (), 43),
+    ("franka_panda", (), 43),
+    # its parallel axes are 4e-6 rad apart in its URDF; rotors add 4 base parameters, as for the UR10
+    ("xarm6", (), 36),
+    ("xarm6", ("rotor",), 36 + 4),
+]
+MEASURED = [("ur10", (), 36), ("panda", (), 43), ("staubli_tx40", (), 36)]
+"""Arms of which there are recordings."""
+
+
 @pytest.mark.parametrize(
     ("robot", "rotors", "count"),
-    [
-        ("kuka_iiwa", (), 43),
-        ("franka_panda", (), 43),
-        # its parallel axes are 4e-6 rad apart in its URDF; rotors add 4 base parameters, as for the UR10
-        ("xarm6", (), 36),
-        ("xarm6", ("rotor",), 36 + 4),
-    ],
+    [*COUNTS, *(pytest.param(*row, marks=pytest.mark.shared_data) for row in MEASURED)],
 )
-def test_number_of_base_parameters_is_the_published_one(robot, rotors, count):
-    regressor, base = random_base(load_nominal_arm(robot), rotors)
+def test_number_of_base_parameters_is_the_published_one(robot, rotors, count, request):
+    if robot not in KNOWN_ROBOTS:
+        folder = request.getfixturevalue("data_root") / robot
+        robot = next(folder.glob("*.urdf"))
+    joints = [x for x in load_nominal_arm(robot).joints if "finger" not in x]
+    regressor, base = random_base(load_nominal_arm(robot, joints=joints), rotors)
     assert base.count == count and (rotors or gap(regressor, count) > 1e8)
-
-
-@pytest.mark.shared_data
-@pytest.mark.parametrize(
-    ("robot", "count"), [("ur10", 36), ("panda", 43), ("staubli_tx40", 36)]
-)
-def test_number_of_base_parameters_of_measured_arms(robot, count, data_root):
-    regressor, base = random_base(measured(data_root, robot))
-    assert base.count == count and gap(regressor, count) > 1e8
 
 
 PLANAR = ("mx1 + 0.5 m2", "my1", "Izz1 + 0.25 m2", "mx2", "my2", "Izz2")
@@ -220,7 +213,7 @@ def test_what_is_recovered_alone_in_combination_and_hidden() -> None:
 
 
 def test_matrices_lead_both_ways(tmp_path: Path) -> None:
-    result = identify(panda_case(), IdentificationSettings(cutoff=20.0))
+    result = identify(panda_case(duration=5.0), IdentificationSettings(cutoff=20.0))
     write_base(result, tmp_path / "base.npz")
     found = np.load(tmp_path / "base.npz", allow_pickle=False)
     p, b = len(found["names"]), len(found["kept_names"])

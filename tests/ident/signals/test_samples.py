@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import tooled_panda
-from cases import panda_case, panda_recording
+from cases import case_of, panda_recording
 
 from gapscope.arm.recording import Recording
 from gapscope.ident import samples as module
@@ -26,37 +26,26 @@ def test_long_recordings_are_thinned_further(monkeypatch: pytest.MonkeyPatch) ->
     few = made()
     assert len(few.torque) <= 100
     np.testing.assert_allclose(few.torque, whole.torque[:: few.thinning], rtol=1e-12)
-    np.testing.assert_allclose(
-        few.matrix(FrictionLaw()),
-        whole.matrix(FrictionLaw())[:: few.thinning],
-        rtol=1e-9,
-        atol=1e-12,
-    )
+    thinned, every = few.matrix(FrictionLaw()), whole.matrix(FrictionLaw())
+    np.testing.assert_allclose(thinned, every[:: few.thinning], rtol=1e-9, atol=1e-12)
     assert few.interval[0] == pytest.approx(few.thinning * whole.interval[0])
 
 
 def test_each_recording_counts_by_its_own_rate() -> None:
     """Recordings of 250 and 125 Hz: what is said of their time and errors does not depend on which comes first."""
-    fast, slow = (panda_recording(f"{seed}.csv", seed) for seed in (3, 4))
-    slow = slow.part(slice(None, None, 2))
-    judged = (slow, fast)
-    one, other = (
-        identify(
-            replace(panda_case(), recordings=two, judged=judged),
-            IdentificationSettings(cutoff=20.0),
+    fast, slow = (panda_recording(f"{seed}.csv", seed, duration=5.0) for seed in (3, 4))
+    slow, figures = slow.part(slice(None, None, 2)), []
+    for two in ((fast, slow), (slow, fast)):
+        case = case_of("mixed", tooled_panda(), *two, judged=(slow, fast))
+        found = identify(case, IdentificationSettings(cutoff=20.0))
+        # five seconds each, of which half a second is trimmed
+        assert found.counted.seconds == pytest.approx(9, rel=0.02)
+        assert found.filtered.track.t[-1] == pytest.approx(9, rel=0.02)
+        figures.append(
+            (found.counted.bandwidth, found.interval.noise, found.groups.stated_std)
         )
-        for two in ((fast, slow), (slow, fast))
-    )
-    for found in (one, other):
-        # ten seconds each, of which half a second is trimmed
-        assert found.counted.seconds == pytest.approx(19, rel=0.02)
-        assert found.filtered.track.t[-1] == pytest.approx(19, rel=0.02)
-    pairs = [
-        (found.counted.bandwidth, found.interval.noise, found.groups.stated_std)
-        for found in (one, other)
-    ]
-    for first, second in zip(*pairs, strict=True):
-        np.testing.assert_allclose(first, second, rtol=1e-3)
+    for one, other in zip(*figures, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-3)
 
 
 def test_torque_at_its_limit_does_not_count() -> None:
