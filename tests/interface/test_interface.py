@@ -138,11 +138,6 @@ def test_identification_of_a_case_in_memory_and_the_first_screens(
     assert "print(result)" in repr(result) or len(result.summary().splitlines()) <= 24
 
 
-def test_comparison_with_itself_is_refused(case):
-    with pytest.raises(InputError, match="is the case itself"):
-        gapscope.diagnose(case, against=case)
-
-
 def test_frames_make_the_same_case_as_arrays(case):
     frames = []
     for r in case.recordings:
@@ -254,12 +249,3 @@ def test_inspection_makes_a_case(written, tmp_path):
     assert gapscope.load_case(file).arm.n_joints == 3
     with pytest.raises(InputError, match="is there already"):
         found.save(tmp_path / "made")
-
-
-def test_a_log_is_no_case(written, tmp_path):
-    log = written.folder / written.recordings[0].name
-    for given in (log, str(log)):
-        with pytest.raises(InputError, match="is a log, and a case") as caught:
-            gapscope.load_case(given)
-        assert f"gapscope inspect {log}" in caught.value.remedy
-        assert len(str(caught.value)) < 500

@@ -261,13 +261,6 @@ def test_products_of_inertia_of_the_opposite_sign_are_found(
     assert ("products_of_inertia" in found(audit)) == (sign < 0)
 
 
-def test_a_file_that_is_cut_short_is_refused_with_its_line(audited: Audited) -> None:
-    text = arm_text()
-    lines = text.splitlines()[:-1]
-    with pytest.raises(InputError, match=f"line {len(lines)}"):
-        audited("\n".join(lines))
-
-
 def test_masses_of_the_next_link_are_found_in_the_kinova_file(data_root: Path) -> None:
     audit = audit_model(data_root / "kinova_gen3" / "gen3.urdf")
     shift = next(one for one in audit["findings"] if one["kind"] == "shifted_masses")

@@ -12,7 +12,6 @@ from cases import case_of, limits
 
 from gapscope.agents.models import ArmModel
 from gapscope.agents.training.task import Task, idle, judge
-from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, motion_of
@@ -33,7 +32,7 @@ from gapscope.envs.effect_ranges import EffectRanges, effect_range
 from gapscope.envs.environment import VectorArmTracking
 from gapscope.envs.mystery_arm import HIDDEN
 
-from .conftest import rod, short
+from .conftest import short
 
 EFFECTS = (
     carried(0.5, (0.4, 0.0, 0.0)),
@@ -153,11 +152,3 @@ def test_what_is_unknown_is_drawn_around_a_model(
     masses = [float(e["payload"].parameters["mass"]) for e in drawn]
     assert masses[0] != masses[1] and np.allclose(masses, 0.5, rtol=0.2)
     env.close()
-
-
-def test_models_of_other_joints_are_refused(
-    files: dict[str, str], tmp_path: Path
-) -> None:
-    other = rod(tmp_path, "elbow")
-    with pytest.raises(InputError, match="hinge"):
-        Task.of(files["identified"], other)

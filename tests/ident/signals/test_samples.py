@@ -38,9 +38,9 @@ def test_each_recording_counts_by_its_own_rate() -> None:
     for two in ((fast, slow), (slow, fast)):
         case = case_of("mixed", tooled_panda(), *two, judged=(slow, fast))
         found = identify(case, IdentificationSettings(cutoff=20.0))
-        # five seconds each, of which half a second is trimmed
-        assert found.counted.seconds == pytest.approx(9, rel=0.02)
-        assert found.filtered.track.t[-1] == pytest.approx(9, rel=0.02)
+        # five seconds each, of which 0.6 s are trimmed
+        assert found.counted.seconds == pytest.approx(8.8, rel=0.02)
+        assert found.filtered.track.t[-1] == pytest.approx(8.8, rel=0.02)
         figures.append(
             (found.counted.bandwidth, found.interval.noise, found.groups.stated_std)
         )
