@@ -242,17 +242,14 @@ def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
     assert (out / "summary.html").is_file()
 
 
-def test_cases_of_one_name_are_numbered_beside_one_that_has_the_number() -> None:
-    cases = tuple(Path(place) / "case.yaml" for place in ("a-3", "one/a", "two/a"))
-    found = Batch(cases, Path("out")).by_folder
-    assert list(found.values()) == list(cases)
-    assert list(found) == ["a-3", "a", "a-4"]
-
-
-def test_a_dot_in_the_name_of_a_folder_is_no_ending(tmp_path: Path) -> None:
+def test_results_have_the_names_of_their_cases(tmp_path: Path) -> None:
+    """Numbered beside one that has the number; a dot in the name of a folder is no ending."""
+    one_name = tuple(Path(x) / "case.yaml" for x in ("a-3", "one/a", "two/a"))
+    assert list(Batch(one_name, Path("out")).by_folder) == ["a-3", "a", "a-4"]
     cases = tuple(tmp_path / name for name in ("arm.v1", "arm.v2", "arm_2026.03.14"))
     for case in cases:
         case.mkdir()
     files = (cases[0] / "case.yaml", *cases[1:], tmp_path / "b.yaml")
     found = Batch(files, Path("out")).by_folder
     assert list(found) == [*(case.name for case in cases), "b"]
+    assert list(found.values()) == list(files)

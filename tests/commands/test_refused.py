@@ -58,7 +58,6 @@ WORDS = {
         --controller lqr | controller: section of a case
         --rate 300 | divide
         --duration 0.2 | at least
-        --duration 1e9 | 5e+11 samples
         --rate 1e9 | beyond any robot's log
         --recordings 1000000 | at most 4,000,000
         --recordings 0 | whole number
@@ -74,7 +73,24 @@ WORDS = {
     "excite kuka_iiwa --out {out}.csv": """
         --rate 4 | 10 times; 5 Hz; remedy
         --frequency 0.01 --duration 20 | period; 100 s; remedy
+        --rate nan | above zero
+        --rate 1e9 | beyond any robot's log
+        --frequency 5 --rate 200 | 10 times
+        --frequency 0 | frequency; above zero
+        --duration 2 | rising and falling; 3 s
+        --duration 1e7 | samples
         --kind chirp | fourier; remedy
+        --criterion a | condition; remedy
+        --optimiser newton | gradient; remedy
+        --criterion separation --effects payload,load_friction --optimiser gradient | no analytic gradient
+        --effects payload | effects
+        --effects payload,payload | effects
+        --evaluations 0 | spent at once
+        --seconds -1 | spent at once
+        --velocity 0 | velocity
+        --acceleration -1 | acceleration
+        --torque 0 | above zero
+        --surface nan | is no height
         --order 0 | order; remedy
         --criterion separation | effects; remedy
         --torque 0.0001 | allow no trajectory; gravity; remedy
@@ -262,7 +278,6 @@ FILES = {
         robto: kuka_iiwa | did you mean 'robot'
         seeds: many | a whole number from 1 on
         engine: 3 | a name or a list of names
-        bandwidth: true | a number
         {robot: kuka_iiwa, case: sick} | leave sheet: out, and robot:
         {motion: fourier, motions: pick} | says the same as motions
         randomisation: {count: 3} | draws no effects
@@ -352,6 +367,8 @@ DIDIM = ("identify {sick} --out {out} --estimator didim",)
 LOGS = [f"identify {{sick}}/{name} --out {{out}}" for name in (FIRST, "log.db3")]
 ALONE = "one recording agrees with itself; remedy"
 PID = "controller: {kind: pid, rate: 250, kp: [9, 9], ki: [1, 1], kd: [1, 1]}"
+OTHER_LOAD = "payloads: {recording_9.csv: {mass: 1.5, com: [0, 0, 0]}}"
+UNNAMED = "no recording is called 'recording_9.csv'; did you mean 'recording_"
 CASES = [
     (shutil.rmtree, READ, "sick; no such file; case.yaml"),
     (lambda case: os.renames(case / "case.yaml", case / "a/case.yaml"), READ, "are cases; fleet"),
@@ -373,6 +390,7 @@ CASES = [
     # torque constant 0.1 N m/A and gear ratio 100 make 0.1 A of 1 N m
     (times(0.1), IDENTIFY, "Torque unit (current); mend: {{torque: {{scale: 10"),
     (in_file(FIRST, "tau", "current"), IDENTIFY, "tau1"),
+    (added(OTHER_LOAD), (*READ, *IDENTIFY), UNNAMED),
     (added("import: {tau: null}"), ("rehearse {sick} --out {out}",), "has no torque"),
     (added("import: {tau: null}"), IDENTIFY, "no recording holds a torque"),
     (in_file("case.yaml", ", recording_1.csv, recording_2.csv", ""), ("agree {sick}",), ALONE),

@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 import json
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from sweeps import daily
 
 from gapscope.arm.case import load_case
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.model.conditioning import TRIM, low_pass, torque_scale
 
 pytestmark = pytest.mark.shared_data
-
-
-@cache
-def diagnosed(case: Path) -> Diagnosis:
-    """Diagnosis of a case, made once."""
-    return diagnose(load_case(case))
 
 
 def label_of(sample_cases: Path, name: str) -> dict[str, Any]:
@@ -45,12 +36,13 @@ def nrmse(sample_cases: Path, name: str, corrected: CorrectedArm) -> np.ndarray:
     return np.sqrt(((measured - predicted) ** 2).mean(axis=0)) / torque_scale(measured)
 
 
-@pytest.mark.parametrize("name", daily(("case001", "case005"), "case005"))
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", ["case001", "case005"])
 def test_effect_and_joints_are_those_of_the_label(
     sample_cases: Path, name: str
 ) -> None:
     label, case = label_of(sample_cases, name), load_case(sample_cases / name)
-    result = diagnosed(sample_cases / name)
+    result = diagnose(load_case(sample_cases / name))
     validate(result.document)
     assert result.document["verdict"] == "effects_found"
     true = [(e["effect"], e["joints"]) for e in label["effects"]]
@@ -73,7 +65,7 @@ def test_effect_and_joints_are_those_of_the_label(
 def test_healthy_case(sample_cases: Path) -> None:
     """Its floor is within a factor of two and a half of that of the label."""
     label, case = label_of(sample_cases, "case006"), load_case(sample_cases / "case006")
-    result = diagnosed(sample_cases / "case006")
+    result = diagnose(load_case(sample_cases / "case006"))
     assert label["effects"] == [] and result.effects == ()
     assert result.document["verdict"] == "no_gap"
     left = nrmse(sample_cases, "case006", CorrectedArm(case.arm))
@@ -86,7 +78,7 @@ def test_healthy_case(sample_cases: Path) -> None:
 def test_effect_outside_the_catalogue(sample_cases: Path) -> None:
     (effect,) = label_of(sample_cases, "case008")["effects"]
     assert effect["effect"] == "unknown"
-    document = diagnosed(sample_cases / "case008").document
+    document = diagnose(load_case(sample_cases / "case008")).document
     left = document["unexplained"]
     assert document["verdict"] == "unexplained" and left["above_floor"]
     assert {region["joint"] for region in left["where"]} == set(effect["joints"])

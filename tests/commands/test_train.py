@@ -40,18 +40,8 @@ def test_writes_agent_curve_and_page_and_goes_on(
     gapscope: Command, sick: Path, corrected: Path, settings: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "deep" / "out"
-    command = (
-        "train",
-        corrected,
-        "--robot",
-        sick,
-        "--effects",
-        corrected,
-        "--agent",
-        settings,
-        "--out",
-        out,
-    )
+    command = ("train", corrected, "--robot", sick, "--effects", corrected)
+    command += ("--agent", settings, "--out", out)
     done = gapscope(*command)
     assert done.code == 0, done.err
     names = ["policy.zip", "curve.csv", "learning_curve.html", "agent.json"]
@@ -62,9 +52,8 @@ def test_writes_agent_curve_and_page_and_goes_on(
     assert content["joints"] == ["yaw", "pitch"] and content["steps"] == 128
     with (out / "curve.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [row["steps"] for row in rows] == ["0", "64", "128"] and float(
-        rows[0]["hidden_joint_error"]
-    ) > 0
+    assert [row["steps"] for row in rows] == ["0", "64", "128"]
+    assert float(rows[0]["hidden_joint_error"]) > 0
     page = (out / "learning_curve.html").read_text(encoding="utf-8")
     assert "Plotly" in page and "<script src" not in page and "Training on" in page
 
@@ -75,10 +64,7 @@ def test_writes_agent_curve_and_page_and_goes_on(
     assert gapscope(*command).code == 0
     assert (out / "curve.csv").read_bytes() == before
     other = gapscope(*command, "--seed", 1)
-    assert (
-        other.code == 2
-        and "differs in settings" in other.err
-        and "--again" in other.err
-    )
+    assert other.code == 2 and "differs in settings" in other.err
+    assert "--again" in other.err
     assert gapscope(*command, "--seed", 1, "--again").code == 0
     assert (out / "curve.csv").read_bytes() != before
