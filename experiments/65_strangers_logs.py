@@ -186,7 +186,7 @@ def sentences(command: str, log: list[Path], urdf: Path, case: Path) -> Iterator
         result = gapscope.inspect(log, urdf)
         result.save(case)
         found, time = result.found, result.found.main.time
-        remarks = *found.misread, *result.checked, *found.oddities, *found.notes
+        remarks = *found.misread, *result.checked, *found.notes
         yield from (one.text for one in remarks)
         for _, guess in found.chosen.values():
             yield from (*guess.facts, f"{guess.channel}: {guess.reason}")

@@ -6,7 +6,6 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.io.log import READERS, open_log
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.recording import CHANNELS, STILL, Recording, resting, slow_words
+from gapscope.arm.recording import CHANNELS, resting
 from gapscope.arm.root_mean_square import rms
 from gapscope.diagnosis.document.wording import in_text, with_slide_units
 from gapscope.diagnosis.gap.plausible_data import select_windows
@@ -33,6 +32,12 @@ from gapscope.ident.model.base_parameters import random_states, structural_base
 from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.samples import FrictionLaw, ModelColumns
 from gapscope.inspection.inspection import inspect_logs, span_of
+from gapscope.inspection.recordings import (
+    check_rest,
+    joints_of,
+    remark,
+    remarks_on,
+)
 from gapscope.model.conditioning import Segment, condition, position_cutoff, thinned
 from gapscope.model_audit.audit import odd_kinds
 
@@ -45,12 +50,8 @@ from gapscope.model_audit.audit import odd_kinds
 
 # --- recordings
 SHORT_DURATION = 10.0  # Seconds of motion in all, below which little can be told apart [s]. (hand)
-VELOCITY_GAIN = 0.1  # A recorded velocity differs from that of the positions by less than this share [1]. (hand)
-REFERENCE_ERROR = 0.5  # A reference follows the position to this share of the joint's range at least [1]. (hand)
-SAME = 1e-9  # Series that differ by less are the same [rad or N m]. (physical)
 
 # --- motion; of sliding joints in what counts as a radian
-FOLLOWED = 0.1  # A joint that moves less may be held off its reference by its load [rad]. (hand)
 SLIDING = 0.02  # Below this speed dry friction is not fully developed [rad/s]. (physical)
 # Cosine between speed and its sign, of sliding samples: at one speed it is 1, evenly spread speeds have 0.87 [1].
 ONE_SPEED = 0.97  # (hand)
@@ -88,7 +89,7 @@ def check_recordings(case: Case) -> Iterator[Remark]:
     elif len(every) == 1:
         said += ": parts of the one recording are predicted from the others"
         remedy = "add a recording of another motion, or name one in judge:, so that effects are confirmed on other data"
-    yield _remark("recordings", "", said, remedy)
+    yield remark("recordings", "", said, remedy)
     # channels that some of them have
     counts = Counter(name for recording in every for name in recording.channels)
     parts = [
@@ -109,89 +110,8 @@ def check_recordings(case: Case) -> Iterator[Remark]:
         said += "; recordings without torque are not fitted"
         remedy = "name their torque columns in import: {tau: ...}"
     if with_torque or (case.controller is not None and counts["q_ref"]):
-        yield _remark("channels", "", said, remedy)
-    for recording in every:
-        slow, remedy = slow_words(recording)
-        said = f"{recording.duration:.1f} s at {recording.rate:.4g} Hz"
-        yield _remark(
-            "time", recording.name, "; ".join([said, *filter(None, [slow])]), remedy
-        )
-        for note in recording.notes:
-            yield Remark("warn", "recordings", recording.name, note)
-        # joints whose columns are the very same
-        for name in ("q", "tau"):
-            columns = getattr(recording, name)
-            numbered = enumerate(() if columns is None else columns.T, 1)
-            for (j, first), (k, second) in combinations(numbered, 2):
-                if np.abs(first - second).max() < SAME < np.ptp(first):
-                    yield _remark(
-                        "channels",
-                        recording.name,
-                        f"{name}{j} and {name}{k} are the same column",
-                        f"correct import: {{{name}: ...}}",
-                    )
-        yield from _velocity(recording)
-        yield from _reference(recording)
-    for one, other in combinations(every, 2):
-        count = min(len(one.t), len(other.t))
-        if np.abs(one.q[:count] - other.q[:count]).max() < SAME:
-            yield _remark(
-                "recordings",
-                f"{one.name}, {other.name}",
-                f"hold the same {count} positions",
-                "remove one: effects are confirmed on data that was not fitted, and a copy was",
-            )
-
-
-def _remark(topic: str, place: str, said: str, remedy: str = "") -> Remark:
-    """What is as it should be, or with a remedy a warning."""
-    return Remark("warn" if remedy else "ok", topic, place, said, remedy)
-
-
-def _velocity(recording: Recording) -> Iterator[Remark]:
-    """A recorded velocity that is not that of the positions."""
-    if recording.dq is None or len(recording.t) < 3:
-        return
-    rate = np.gradient(recording.q, recording.t, axis=0)
-    moving = np.ptp(recording.q, axis=0) > STILL
-    power = np.where(moving, (rate**2).sum(axis=0), 1.0)
-    gain = (recording.dq * rate).sum(axis=0) / power
-    size = np.sqrt((recording.dq**2).sum(axis=0) / power)
-    # noise of a differentiated encoder lowers the gain, not the size of a velocity in another unit
-    off = np.abs([size - 1, gain - 1]).min(axis=0)
-    # of the opposite sign it may have the right size
-    off = np.where(gain < 0, 1 - gain, off)
-    other = moving & (off > VELOCITY_GAIN)
-    if other.any():
-        worst = int(np.where(other, off, 0.0).argmax())
-        times = np.copysign(size, gain)[worst]
-        yield Remark(
-            "warn",
-            "channels",
-            recording.name,
-            f"dq of {_joints_of(other)} is not the velocity of q: "
-            f"{times:.3g} times it on joint {worst + 1}",
-            "check unit, order and transmission of import: {dq: ...}, or set it to null: it is then derived from q",
-        )
-
-
-def _reference(recording: Recording) -> Iterator[Remark]:
-    """A reference that the joint does not follow."""
-    if recording.q_ref is None:
-        return
-    # over the joint's own range: a short motion is held to a short error
-    range_ = np.ptp(recording.q, axis=0)
-    error = rms(recording.q_ref - recording.q)
-    off = (range_ > FOLLOWED) & (error > REFERENCE_ERROR * range_)
-    if off.any():
-        yield Remark(
-            "warn",
-            "controller",
-            recording.name,
-            f"{_joints_of(off)} far from q_ref: they differ by more than half of "
-            "the joint's range",
-            "check unit and order of import: {q_ref: ...}",
-        )
+        yield remark("channels", "", said, remedy)
+    yield from remarks_on(every)
 
 
 # How the joints move, and what cannot be told from that.
@@ -234,11 +154,6 @@ def check_motion(
     flat &= motions["gravity"] < GRAVITY_SHARE * np.maximum(possible, MIN_GRAVITY)
     found = (
         (
-            still,
-            "at rest: nothing can be told of friction and rotor",
-            "record a motion to and fro",
-        ),
-        (
             one_speed,
             "hardly more than one speed: Coulomb and viscous friction cannot be told apart",
             "repeat the motion ten times slower, and faster",
@@ -259,17 +174,12 @@ def check_motion(
             "record in postures that differ more, arm stretched and folded",
         ),
     )
+    remarks = list(check_rest(still))
     for mask, said, remedy in found:
         if mask.any():
-            yield Remark("warn", "excitation", _joints_of(mask), said, remedy)
-    if not any(mask.any() for mask, *_ in found):
-        said = "all joints move to and fro, slowly and fast"
-        yield Remark("ok", "excitation", "", said)
-
-
-def _joints_of(mask: np.ndarray) -> str:
-    """Numbers of the joints of a mask, in words."""
-    return numbers((np.flatnonzero(mask) + 1).tolist())
+            remarks.append(remark("excitation", joints_of(mask), said, remedy))
+    well = remark("excitation", "", "all joints move to and fro, slowly and fast")
+    yield from remarks or [well]
 
 
 def _silent(
@@ -328,7 +238,7 @@ def _reversals(segments: Sequence[Segment], per_radian: np.ndarray) -> np.ndarra
 def check_nominal(case: Case, body: RigidBody) -> Iterator[Remark]:
     """Friction and where it comes from, rotors, limits, gravity, and what is odd about the model."""
     arm, sheet = case.arm, "data sheet"
-    yield _remark(sheet, "", f"joints in this order: {', '.join(arm.joints)}")
+    yield remark(sheet, "", f"joints in this order: {', '.join(arm.joints)}")
     give = "give nominal: {coulomb: [...], viscous: [...]}"
     coulomb, viscous = (
         ", ".join(f"{value:.3g}" for value in values)
@@ -343,18 +253,18 @@ def check_nominal(case: Case, body: RigidBody) -> Iterator[Remark]:
     elif alike and "data sheet" not in arm.friction_source:
         said += ": the same on all joints"
         remedy = f"a placeholder, as it seems: {give}"
-    yield _remark(sheet, "", said, remedy)
+    yield remark(sheet, "", said, remedy)
     if not arm.armature.any():
         said = "no rotor inertia is stated: it will be found as an effect"
         remedy = "give nominal: {armature: [...]}: inertia of the rotor times the gear ratio squared [kg m^2]"
-        yield _remark(sheet, "", said, remedy)
+        yield remark(sheet, "", said, remedy)
     if arm.torque_limit is None and not body.effort_limits().any():
         said = "no torque limits: saturation can only be inferred from torque"
-        yield _remark(sheet, "", said, "give nominal: {torque_limit: [...]}")
+        yield remark(sheet, "", said, "give nominal: {torque_limit: [...]}")
     # what the audit says of the robot file, in one line
     odd = odd_kinds(arm.urdf)
     said = odd or "nothing implausible in the robot file"
-    yield _remark("model", "", said, f"gapscope audit {arm.urdf}" if odd else "")
+    yield remark("model", "", said, f"gapscope audit {arm.urdf}" if odd else "")
 
 
 def check_controller(case: Case) -> Iterator[Remark]:
@@ -371,7 +281,7 @@ def check_controller(case: Case) -> Iterator[Remark]:
         else:
             said += ", but no recording has its reference"
             remedy = "record q_ref1.., or name the columns in import: {q_ref: ...}"
-    yield _remark("controller", "", said, remedy)
+    yield remark("controller", "", said, remedy)
 
 
 def check_ranges(case: Case, body: RigidBody) -> Iterator[Remark]:
@@ -381,10 +291,10 @@ def check_ranges(case: Case, body: RigidBody) -> Iterator[Remark]:
     outside = (q.min(axis=0) < lower - 0.1) | (q.max(axis=0) > upper + 0.1)
     if outside.any():
         remedy = "check unit, zero and order of the joints in import:"
-        said, where = "beyond the limits of the model", _joints_of(outside)
-        yield _remark("positions", where, said, remedy)
+        said, where = "beyond the limits of the model", joints_of(outside)
+        yield remark("positions", where, said, remedy)
     else:
-        yield _remark("positions", "", "within the limits of the model")
+        yield remark("positions", "", "within the limits of the model")
 
 
 # Samples at the torque's limit.
@@ -412,7 +322,7 @@ def _limits(case: Case, body: RigidBody) -> Iterator[Remark]:
             "what is clipped says little of the arm: record a slower motion; if the drive allows more, correct "
             "nominal: {torque_limit: ...}"
         )
-    yield Remark("warn", "torque", _joints_of(over), said, remedy)
+    yield Remark("warn", "torque", joints_of(over), said, remedy)
 
 
 # All checks of a case.
@@ -597,7 +507,7 @@ def _of_signals(
     if excited < FEW_EXCITED:
         said += ": errors of these stay hidden"
         remedy = "record an exciting trajectory (gapscope excite)"
-    remarks.append(_remark("excitation", "", said, remedy))
+    remarks.append(remark("excitation", "", said, remedy))
     remarks += check_nominal(case, body)
     remarks += check_controller(case)
     return motions, excited

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import starmap
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from textwrap import wrap
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -24,24 +24,19 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.layouts import (
     LEROBOT,
-    UNITS,
     layout_of,
     name_of,
 )
 from gapscope.arm.io.log import Log
-from gapscope.arm.io.plausibility import put_right, repeated_rows
 from gapscope.arm.io.table import BEYOND, Table, without_damage
 from gapscope.arm.joint_units import common_unit
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.recording import (
     CHANNELS,
-    STILL,
     Recording,
-    held_notes,
     resting,
     set_points,
-    slow_words,
     step_notes,
 )
 from gapscope.arm.robots import actuated_joints, load_nominal_arm
@@ -62,6 +57,7 @@ from gapscope.inspection.columns import (
     guess_time,
     sorted_columns,
 )
+from gapscope.inspection.recordings import check_rest, remarks_on
 
 # One table of a log with what its columns are taken for.
 
@@ -173,13 +169,11 @@ def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
     # gravity may hold one joint on one side, hardly all of them throughout
     if (values >= 0).all():
         facts.append("it is never negative: a magnitude, whose sign is lost")
-    facts += _multiples(torque, table.channels)
-    first = first_of_each(table.channels)
-    # this column as the torque, whatever else was taken for it
-    recording = _as_recorded(table, [*first.values(), replace(torque, channel="tau")])
-    if recording is None or recording.tau is None:
-        return facts
-    facts += step_notes(recording)
+    return [*facts, *_multiples(torque, table.channels)]
+
+
+def _computed(recording: Recording) -> Iterator[str]:
+    """The gains of a torque that a control law computed."""
     # velocities that were not recorded count as zero: the law is asked for with both
     nothing = np.zeros_like(recording.q)
     known = {"dq": recording.dq, "dq_ref": recording.dq_ref}
@@ -189,11 +183,10 @@ def torque_facts(table: InspectedTable, torque: ChannelGuess) -> list[str]:
     gains = exact_gains((replace(recording, **rates),))
     if gains is not None:
         kp, kd = map(figures, gains.T)
-        facts.append(
+        yield (
             f"it is computed, not measured: kp (q_ref - q) + kd (dq_ref - dq) with kp {kp} and kd {kd}. "
             "As a command that is what it should be; whether the arm obeyed these gains, the log does not say"
         )
-    return facts
 
 
 def _multiples(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator[str]:
@@ -217,115 +210,6 @@ def _multiples(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator
 def usable(values: np.ndarray) -> bool:
     """Whether all values are numbers of a size that robots have in any unit."""
     return bool(np.isfinite(values).all() and np.abs(values).max() < BEYOND)
-
-
-def _as_recorded(
-    table: InspectedTable, channels: Sequence[ChannelGuess]
-) -> Recording | None:
-    """The rows of a table whose time runs on and whose positions are numbers, in SI units; ``None`` without positions.
-
-    Channels that hold other cells, or other joints, are left out.
-    """
-    series = {
-        guess.channel: guess.group.values * UNITS.get(guess.unit, 1.0)
-        for guess in channels
-    }
-    if "q" not in series:
-        return None
-    q, t = series["q"], table.time.seconds
-    rows = np.isfinite(q).all(axis=1)
-    # time that runs on: rows that do not pass the latest so far are left out
-    rows &= np.diff(np.maximum.accumulate(t), prepend=-np.inf) > 0
-    whole: dict[str, Any] = {
-        name: x[rows]
-        for name, x in series.items()
-        if x.shape == q.shape and usable(x[rows])
-    }
-    if "q" not in whole:
-        return None
-    return Recording(table.label, t[rows], **whole)
-
-
-# What looks wrong in a log, before any physics.
-
-
-def oddities_of(
-    table: InspectedTable, channels: Sequence[ChannelGuess]
-) -> Iterator[Remark]:
-    """What looks wrong in one table, by the columns taken for channels, one of each."""
-    where, time = table.label, table.time
-
-    def odd(said: str, remedy: str = "nothing: it is put right on reading") -> Remark:
-        return Remark("warn", "log", where, said, remedy)
-
-    if not time.certain:
-        said = f"nothing in it tells the rate; {time.rate:g} Hz is assumed"
-        yield odd(said, "correct rate: in the case")
-    back = np.flatnonzero(np.diff(time.seconds) < 0)
-    if len(back):
-        said = f"time jumps back at row {back[0] + 1}"
-        yield odd(said, "split the log there, or sort its rows")
-    for note in repeated_rows(time.seconds, {})[1]:
-        yield odd(note)
-    # one of each: what is said of a channel is said once
-    by_name = {guess.channel: guess.group for guess in channels}
-    for group in by_name.values():
-        missing = int((~np.isfinite(group.values)).sum())
-        if missing:
-            yield odd(
-                f"{group.pattern}: {missing} cells are empty or no numbers",
-                "leave the channel out (null); a missing value is never guessed",
-            )
-    yield from starmap(odd, _copies(by_name))
-    recording = _as_recorded(table, channels)
-    if recording is None:
-        return
-    # in the words of the reader, which says the same of the drafted case
-    ones = np.ones(recording.n_joints)
-    read = put_right(recording, ones)
-    for note in (*read.notes, *held_notes(read)):
-        yield odd(note)
-    slow, remedy = slow_words(read)
-    if slow:
-        yield odd(slow, remedy)
-    points = set_points(read)
-    if points is not None and points.variant == "held":
-        yield odd(
-            f"{by_name['q_ref'].pattern} stands still and jumps between: set points come at about 1/{points.every} of "
-            "the rate of the log",
-            "the controller may interpolate them; what it follows is not in the log",
-        )
-    still = resting([recording], ones)
-    if still.all():
-        said = f"the arm stands still: no joint moves by {STILL:g} rad"
-        yield odd(said, "record a motion of all joints")
-    elif still.any():
-        yield odd(
-            f"joint {marked(still)} does not move: its friction, armature and zero cannot be told",
-            "move every joint, slowly and fast, in both directions",
-        )
-
-
-def _copies(by_name: Mapping[str, ColumnGroup]) -> Iterator[tuple[str, str]]:
-    """Channels that are copies of others, and velocities that stand; with what to do."""
-    moving = {
-        name: np.ptp(group.values, axis=0).any() for name, group in by_name.items()
-    }
-    for name in ("q", "dq"):
-        one, other = by_name.get(name), by_name.get(f"{name}_ref")
-        # where the arm stands a copy says nothing
-        if one and other and moving[name] and np.array_equal(one.values, other.values):
-            yield (
-                f"{one.pattern} and {other.pattern} are the same numbers: one of them is a copy",
-                "a copied reference says nothing of the arm; leave it out (null)",
-            )
-    for position, velocity in (("q", "dq"), ("q_ref", "dq_ref")):
-        # a velocity that is missing is none that stands
-        if moving.get(position) and not moving.get(velocity, True):
-            yield (
-                f"{by_name[velocity].pattern} never changes while {by_name[position].pattern} moves",
-                "it is no velocity; leave it out (null)",
-            )
 
 
 # All logs of one arm.
@@ -391,22 +275,20 @@ class Inspection:
                     found.setdefault(channel, (label, guess))
         return found
 
-    @cached_property
-    def oddities(self) -> tuple[Remark, ...]:
-        """What looks wrong in the tables of every recording."""
-        found: list[Remark] = []
-        for entry in self.entries:
-            for label, table in entry.items():
-                used = [name for name, (at, _) in self.chosen.items() if at == label]
-                guesses = [guess for name in used if (guess := table.best(name))]
-                found += oddities_of(table, guesses)
-        return tuple(found)
-
     @property
     def n_joints(self) -> int:
         """Joints of the arm, if it is known; else columns of the positions."""
         width = self.chosen["q"][1].group.width
         return width if self.arm is None else self.arm.n_joints
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints: those of the columns, or numbers."""
+        group = self.chosen["q"][1].group
+        # columns may carry names of joints, or only numbers
+        if group.by_name:
+            return group.labels
+        return tuple(f"J{j + 1}" for j in range(group.width))
 
 
 def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspection:
@@ -451,6 +333,13 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     main = max(
         with_positions, key=lambda kind: len({g.channel for g in kind[0].channels})
     )
+    for table in main:
+        if len(table.part) < 2:
+            raise InputError(
+                "has a single row of positions, expected a motion",
+                "give a longer recording",
+                file=table.log.path,
+            )
     others = [kind for kind in kinds.values() if kind is not main]
     times = _times([table for table in every if not table.channels], main)
     if times:
@@ -713,13 +602,10 @@ def _channel(
 ) -> Iterator[tuple[str, str]]:
     """The line of one channel; a comment if the columns cannot be read as they are."""
     line = f"{channel}: {_entry(found, label, guess)}"
-    values, null = guess.group.values, f"{channel}: null"
+    null, why = f"{channel}: null", _unreadable(channel, guess)
     # a line that cannot be read stays as a comment, and null in its place
-    if not usable(values):
-        yield f"# {line}", "left out: it holds cells that are no numbers"
-        yield null, ""
-    elif np.ptp(values) == 0 and channel != "q":
-        yield f"# {line}", f"left out: it is {values.flat[0]:g} throughout"
+    if why:
+        yield f"# {line}", f"left out: {why}"
         yield null, ""
     elif guess.unit == "A":
         yield (
@@ -729,6 +615,18 @@ def _channel(
         yield null, guess.reason
     else:
         yield line, guess.reason
+
+
+def _unreadable(channel: str, guess: ChannelGuess) -> str:
+    """Why columns cannot be read as a channel, in words; empty if they can."""
+    values = guess.group.values
+    if not usable(values):
+        # so written that a cell that is no number counts
+        cells = (~(np.abs(values) < BEYOND)).sum()
+        return f"{cells} cells are empty, no numbers or beyond all sizes"
+    if np.ptp(values) == 0 and channel != "q":
+        return f"it is {values.flat[0]:g} throughout"
+    return ""
 
 
 def _entry(found: Inspection, label: str, guess: ChannelGuess) -> str:
@@ -789,54 +687,85 @@ def flow(value: Any) -> str:
     return text.removesuffix("\n").removesuffix("\n...")
 
 
-# The drafted case, read: whether it can be, and what each of its torque columns shows of the set-up.
+# The drafted case, read: what looks wrong in it, and what each of its torque columns shows of the set-up.
 
 
-def check_draft(found: Inspection) -> list[Remark]:
-    """Read the drafted case: why it cannot be read as it is, or what the reader noticed, and dropped."""
+def check_draft(found: Inspection) -> Iterator[Remark]:
+    """What looks wrong in the logs, by the drafted case: what it leaves out, and why it cannot be read or what is odd.
+
+    Without an arm the time stamps are looked at, too, which otherwise are a part of what the torque shows.
+    """
+    for table in (table for entry in found.entries for table in entry.values()):
+        if not table.time.certain:
+            said = f"nothing in it tells the rate; {table.time.rate:g} Hz is assumed"
+            yield Remark("warn", "log", table.label, said, "correct rate: in the case")
+    for channel, (label, guess) in found.chosen.items():
+        why = _unreadable(channel, guess)
+        if why:
+            said = f"{guess.group.pattern} left out: {why}"
+            yield Remark("warn", "log", found.sources[label].label, said)
     try:
-        recordings = _drafted(found).recordings
+        case = _drafted(found)
     except InputError as error:
         # the draft lies in a folder that is gone: names of files alone
         file = "" if error.file is None else error.file.name
         place = ", ".join(filter(None, (file, error.where)))
         said = ": ".join(filter(None, (place, error.problem)))
-        return [Remark("error", "case", "the drafted case", said, error.remedy)]
-    return [note(r.name, said) for r in recordings for said in r.notes]
+        yield Remark("error", "case", "the drafted case", said, error.remedy)
+        return
+    yield from check_rest(resting(case.recordings, case.arm.per_radian))
+    for remark in remarks_on(case.recordings):
+        if remark.level != "ok":
+            yield remark
+    for recording in case.recordings:
+        points = set_points(recording)
+        if points is not None and points.variant == "held":
+            yield Remark(
+                "warn",
+                "controller",
+                recording.name,
+                f"q_ref stands still and jumps between: set points come at about 1/{points.every} of the rate of the "
+                "log",
+                "the controller may interpolate them; what it follows is not in the log",
+            )
+    if found.arm is None:
+        for fault in find_stamps(case.recordings, by_velocity=False):
+            yield fault_remark(fault, found.n_joints)
+        yield note("the drafted case", "no robot is known: the torque cannot be judged")
 
 
 def judge_torques(found: Inspection) -> Inspection:
-    """What is in logs, with what each torque column shows of the set-up if the drafted case reads it as the torque.
+    """What is in logs, with what each torque column shows if the drafted case reads it as the torque.
 
-    Of several torques without names, the one that fits the arm best is chosen. Without an arm the stamps alone tell.
+    That is whether a control law computed it and, of a known arm, what is wrong with the set-up. Of several torques
+    without names, the one that fits the arm best is chosen.
     """
-    if found.arm is None:
-        # what is wrong with the time stamps, as a diagnosis finds it; what stands still or jumps back is said elsewhere
-        seen = []
-        for entry in found.entries:
-            table = entry[found.chosen["q"][0]]
-            guess = table.best("q")
-            recording = None if guess is None else _as_recorded(table, [guess])
-            if recording is not None:
-                faults = find_stamps([recording])
-                seen += [fault_remark(fault, recording.n_joints) for fault in faults]
-        return replace(found, misread=tuple(seen))
     # each column that may be a torque is tried as one, in a draft of its own
-    looked = {
-        (label, guess.group.pattern): set_up
+    cases = {
+        (label, guess.group.pattern): case
         for label, table in found.sources.items()
         for guess in table.channels
-        if (set_up := _set_up(found, label, guess)) is not None
+        if (case := _with_torque(found, label, guess)) is not None
+    }
+    known = {} if found.arm is None else cases
+    looked = {
+        column: set_up
+        for column, case in known.items()
+        if (set_up := _set_up(case)) is not None
     }
     label = found.chosen.get("tau", ("",))[0]
 
     def told(guess: ChannelGuess, at: str) -> ChannelGuess:
-        set_up = looked.get((at, guess.group.pattern))
-        if set_up is None:
+        column = (at, guess.group.pattern)
+        if column not in cases:
             return guess
-        # time is the same whichever column is the torque: said once
-        said = (remark.text for remark in set_up.remarks() if remark.topic != "time")
-        return replace(guess, facts=(*guess.facts, *said))
+        first = cases[column].recordings[0]
+        said = [*guess.facts, *step_notes(first), *_computed(first)]
+        if column in looked:
+            # time is the same whichever column is the torque: said once
+            remarks = looked[column].remarks()
+            said += (remark.text for remark in remarks if remark.topic != "time")
+        return replace(guess, facts=tuple(said))
 
     def rank(guess: ChannelGuess) -> tuple[float, ...]:
         """Torques of a table without names of columns in the order in which they fit the arm."""
@@ -865,9 +794,10 @@ def judge_torques(found: Inspection) -> Inspection:
     return replace(found, misread=misread)
 
 
-def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:
-    """What the drafted case with some columns as the torque shows; ``None`` if it cannot be asked."""
-    if guess.channel not in TORQUES:
+def _with_torque(found: Inspection, label: str, guess: ChannelGuess) -> Case | None:
+    """The drafted case with some columns as the torque; ``None`` if they are none, or it cannot be read."""
+    # of an arm that is not known a law alone tells, which has a reference
+    if guess.channel not in TORQUES or not (found.arm or "q_ref" in found.chosen):
         return None
     if guess.role in AMPERES:
         # without motor constants the search finds what an ampere makes
@@ -880,24 +810,45 @@ def _set_up(found: Inspection, label: str, guess: ChannelGuess) -> SetUp | None:
             channels.insert(0, replace(guess, channel="tau"))
         first[at] = replace(table, channels=tuple(channels))
     try:
-        case = _drafted(replace(found, entries=(first, *found.entries[1:])))
+        return _drafted(replace(found, entries=(first, *found.entries[1:])))
+    except InputError:
+        # which is said of the draft
+        return None
+
+
+def _set_up(case: Case) -> SetUp | None:
+    """What a case shows of its set-up; ``None`` if it cannot be asked."""
+    try:
         return look_at_set_up(case)
     except GapscopeError:
-        # it cannot be read, which is said of the draft, or is too short to be differentiated
+        # too short to be differentiated, or without a motion
         return None
 
 
 def _drafted(found: Inspection) -> Case:
-    """The drafted case.
+    """The drafted case; an arm that is not known is a chain of free joints.
 
     Raises:
         InputError: it cannot be read.
     """
-    if found.arm is None:
-        raise InputError("no robot is known: the torque cannot be judged")
-    with TemporaryDirectory(prefix="gapscope_") as folder:
-        file = Path(folder) / "case.yaml"
-        text = case_text(found, Path(folder), str(found.arm.urdf.resolve()))
+    with TemporaryDirectory(prefix="gapscope_") as name:
+        folder = Path(name)
+        arm = found.arm or _free_chain(found.names, folder / "robot.urdf")
+        text = case_text(replace(found, arm=arm), folder, str(arm.urdf.resolve()))
+        file = folder / "case.yaml"
         file.write_text(text, encoding="utf-8")
         # in any unit: a wrong one is what the set-up is asked for
         return load_case(file, any_unit=True)
+
+
+def _free_chain(joints: Sequence[str], file: Path) -> NominalArm:
+    """An arm of joints without limits and bodies without mass, written as a URDF."""
+    root = ElementTree.Element("robot", name="unknown")
+    ElementTree.SubElement(root, "link", name="0")
+    for number, joint in enumerate(joints):
+        ElementTree.SubElement(root, "link", name=f"{number + 1}")
+        own = ElementTree.SubElement(root, "joint", name=joint, type="continuous")
+        ElementTree.SubElement(own, "parent", link=f"{number}")
+        ElementTree.SubElement(own, "child", link=f"{number + 1}")
+    ElementTree.ElementTree(root).write(file)
+    return load_nominal_arm(file)

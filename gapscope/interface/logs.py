@@ -41,7 +41,6 @@ from gapscope.reports.inspection import (
     PICTURE,
     channel_rows,
     check_unused,
-    names_of,
     panels_of,
     summary,
     write_page,
@@ -57,8 +56,8 @@ class InspectionResult(Result):
     """What is in logs.
 
     Attributes:
-        found: columns, channels, torques and what looks wrong.
-        checked: what reading the drafted case showed.
+        found: columns, channels and torques.
+        checked: what looks wrong, by the drafted case.
         robot: as it was given, or ``None``.
         description: URDF text of the robot that a log describes, if none was given.
     """
@@ -88,7 +87,7 @@ class InspectionResult(Result):
             way = os.path.relpath(Path(robot).resolve(), out.resolve())
             robot = Path(way).as_posix()
         picture, page, case = out / PICTURE, out / PAGE, out / CASE
-        label, joints = found.main.label, names_of(found)
+        label, joints = found.main.label, found.names
         write_picture(picture, label, panels_of(found, 0), joints)
         write_page(page, found, self.checked)
         # the case last: with it the folder is whole
@@ -145,7 +144,7 @@ def inspect(
         # which column is the torque shows only against the arm
         found = judge_torques(found)
         # the case to start from is read back, as a user would read it
-        checked = check_draft(found)
+        checked = list(check_draft(found))
     named = None if robot is None else str(robot)
     return InspectionResult(found, checked, named, text)
 

@@ -152,12 +152,11 @@ def write_page(path: Path, found: Inspection, checked: Sequence[Remark]) -> None
 def tables_of(found: Inspection, checked: Sequence[Remark]) -> list[PageSection]:
     """What the columns are taken for, what the torque can be, the joints, and what looks wrong."""
     # what looks wrong: where, what, what to do
-    problems = [one for one in checked if one.level == "error"]
-    first = (*found.misread, *problems, *found.oddities)
+    first = (*found.misread, *checked)
     rows = [(one.place or one.topic, one.said, one.remedy) for one in first]
-    for one in (*found.notes, *checked):
-        # the reader and the case may say the same of a table
-        if one.level == "ok" and all(one.said != said for _, said, _ in rows):
+    for one in found.notes:
+        # the drafted case may say the same of a table
+        if all(one.said != said for _, said, _ in rows):
             rows.append((one.place, one.said, ""))
     return [
         PageSection("What the columns are taken for", CHANNEL_HEADS, list(channel_rows(found))),
@@ -224,7 +223,7 @@ def joint_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
     if found.arm is not None:
         # columns beyond the joints of the arm keep the unit of the log
         units[: found.n_joints] = units_of(units[0], found.arm.sliding)
-    for j, (name, unit) in enumerate(zip(names_of(found), units, strict=True)):
+    for j, (name, unit) in enumerate(zip(found.names, units, strict=True)):
         columns = [guess.group.values[:, j] for _, guess in series]
         low, high = min(c.min() for c in columns), max(c.max() for c in columns)
         fastest = max(
@@ -234,21 +233,12 @@ def joint_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
         yield name, f"{low:.4g} {unit}", f"{high:.4g} {unit}", f"{fastest:.3g} {unit}/s"
 
 
-def names_of(found: Inspection) -> list[str]:
-    """Names of the joints: those of the columns, or numbers."""
-    group = found.chosen["q"][1].group
-    # columns may carry names of joints, or only numbers
-    if group.by_name:
-        return list(group.labels)
-    return [f"J{j + 1}" for j in range(group.width)]
-
-
 def _plots(found: Inspection) -> Iterator[PageSection]:
     for number, entry in enumerate(found.entries[:DRAWN]):
         panels = panels_of(found, number)
         label = next(iter(entry.values())).label
         spacing = 0.25 / len(panels)
-        drawn = panels_figure(panels, names_of(found), vertical_spacing=spacing)
+        drawn = panels_figure(panels, found.names, vertical_spacing=spacing)
         html = figure_html(
             drawn,
             f"log{number}",

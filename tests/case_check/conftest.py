@@ -67,7 +67,8 @@ def make_case(tmp_path: Path) -> Callable[..., Path]:
             tau += arm.friction(dq) + 0.05 * np.random.default_rng(
                 number
             ).standard_normal(tau.shape)
-            table = numbered({"t": t, "q": q, "dq": dq, "q_ref": q, "tau": tau})
+            # a reference that is no copy
+            table = numbered({"t": t, "q": q, "dq": dq, "q_ref": q + 1e-6, "tau": tau})
             spoil(table)
             names.append(f"recording_{number}.csv")
             write_columns(table, tmp_path / names[-1])

@@ -30,7 +30,7 @@ def warned(check: dict[str, Any]) -> str:
 
 
 def in_degrees(table: dict[str, np.ndarray]) -> None:
-    for name in ("q1", "q2"):
+    for name in ("q1", "q2", "dq1", "dq2", "q_ref1", "q_ref2"):
         table[name] = np.rad2deg(table[name])
 
 

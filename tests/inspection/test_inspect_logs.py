@@ -13,7 +13,12 @@ from gapscope.arm.case import load_case
 from gapscope.arm.io.log import open_log
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.inspection.inspection import Inspection, case_text, inspect_logs
+from gapscope.inspection.inspection import (
+    Inspection,
+    case_text,
+    check_draft,
+    inspect_logs,
+)
 from gapscope.reports.inspection import torque_rows
 
 DEGREES = 180 / np.pi
@@ -116,7 +121,7 @@ def test_files_side_by_side_become_one_recording(arm, motion, tmp_path):
     read = load_case(drafted(found, tmp_path)).recordings[0]
     np.testing.assert_allclose(read.tau, motion.tau, atol=1e-9)
     # nothing tells the rate, and that is said
-    assert any("rate" in odd.said for odd in found.oddities)
+    assert any("tells the rate" in odd.said for odd in check_draft(found))
 
 
 def test_torques_of_one_name_in_two_files_are_told_apart(arm, motion, tmp_path):
@@ -257,6 +262,12 @@ def test_of_two_arms_in_a_log_it_is_said_which_is_taken(arm, motion, tmp_path):
 def test_a_log_without_positions_is_refused(arm, motion, tmp_path):
     with pytest.raises(Exception, match="identifies joint positions"):
         inspected(tmp_path, arm, log={"t": motion.t, **columns("tau{j}", motion.tau)})
+
+
+def test_a_log_of_one_row_is_refused(motion, tmp_path):
+    table = {name: x[:1] for name, x in case_format(motion).items()}
+    with pytest.raises(Exception, match="a single row of positions"):
+        inspected(tmp_path, None, log=table)
 
 
 @pytest.mark.parametrize("header", [True, False])

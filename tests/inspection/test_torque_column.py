@@ -46,7 +46,7 @@ def test_a_computed_torque_is_told_with_its_gains(motion, tmp_path):
         **columns("q_ref{j}", reference),
         **columns("tau{j}", 80 * (reference - motion.q) - 2.5 * motion.dq),
     }
-    said = said_of_torque(inspected(tmp_path, None, log=table))
+    said = said_of_torque(judge_torques(inspected(tmp_path, None, log=table)))
     assert "computed" in said and "kp 80, 80" in said and "kd 2.5, 2.5" in said
 
 
