@@ -46,6 +46,8 @@ def test_what_is_whole_and_unchanged_is_kept_and_units_are_compared(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     out = both_results
+    done = gapscope("diagnose", sick, healthy, "--out", out)
+    assert done.out.count("kept from an earlier run") == 2
     shutil.copytree(out / "sick", out / "other")
     times = {path: path.stat().st_mtime_ns for path in out.glob("*/*")}
     done = gapscope("diagnose", sick, other, healthy, "--out", out)
