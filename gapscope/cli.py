@@ -6,11 +6,12 @@ import itertools
 import signal
 import sys
 import warnings
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+import gapscope
 from gapscope.arm.errors import (
     EngineWarning,
     GapscopeError,
@@ -62,7 +63,6 @@ class CommandGroup(TyperGroup):
 
 app = typer.Typer(
     cls=CommandGroup,
-    help="Finds out why a simulated robot arm and a real one disagree.",
     no_args_is_help=True,
     add_completion=True,
     rich_markup_mode=None,  # markup would swallow the units, [m]
@@ -72,6 +72,23 @@ app = typer.Typer(
 for command in itertools.chain.from_iterable(SECTIONS.values()):
     app.command()(as_command(command, own_effects=command not in WITHOUT_EFFECTS))
 app.add_typer(blind, name="blind")
+
+
+def _say_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"gapscope {gapscope.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _gapscope(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version.", callback=_say_version),
+    ] = False,
+) -> None:
+    """Finds out why a simulated robot arm and a real one disagree."""
+
 
 # the handler that others had set before, for their warnings
 _python_warning = warnings.showwarning

@@ -6,6 +6,7 @@ import csv
 import json
 import re
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,10 @@ def test_help_lists_the_commands_and_each_has_its_own(gapscope: Command) -> None
     for command in listed:
         done = gapscope(command, "--help")
         assert done.code == 0 and done.out.strip()
+
+
+def test_says_its_version(gapscope: Command) -> None:
+    assert gapscope("--version").out.split() == ["gapscope", version("gapscope")]
 
 
 def test_diagnose_writes_three_files_and_names_them(diagnosed: Any) -> None:
