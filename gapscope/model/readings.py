@@ -32,6 +32,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.reading import Reading
+from gapscope.arm.recording import STILL
 from gapscope.arm.robots import shifted_arm
 from gapscope.arm.root_mean_square import SMALLEST
 from gapscope.effects.environment import tilt
@@ -293,8 +294,10 @@ def reading_equations(
     x = np.concatenate([regressor * unit, level, own], axis=2).transpose(1, 0, 2)
     recorded = samples.torque(reading.recorded_delay if delay is None else delay)
     # by the speed that was recorded: the same samples count, however fast a reading says they are
-    speed = samples.dq[:, list(reading.motion.source)] / arm.per_radian
-    slides = np.abs(smooth_sign(speed)).T[:, :, None]
+    source = list(reading.motion.source)
+    moves = np.ptp(samples.q[:, source], axis=0) >= STILL * arm.per_radian
+    speed = samples.dq[:, source] / arm.per_radian
+    slides = (np.abs(smooth_sign(speed)) * moves).T[:, :, None]
     x = x * slides
     torques = np.concatenate([recorded, gravity], axis=1) * slides
     rows = np.maximum((slides**2).sum(axis=(1, 2)), np.finfo(float).eps)

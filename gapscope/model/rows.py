@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from gapscope.arm.nominal import smooth_sign
-from gapscope.arm.recording import Recording
+from gapscope.arm.recording import STILL, Recording
 from gapscope.model.conditioning import (
     LARGEST_CUTOFF,
     TORQUE_CUTOFF,
@@ -287,7 +287,12 @@ class Rows(DecimatedSegments):
         """
         self.holding = friction, noise, per_radian
         # of a smoothed direction s the share sqrt(1 - s^2) is not known
-        direction = [smooth_sign(s.motion.dq / per_radian) for s in self.segments]
+        # and all of it of a joint that rests: what it swings by bends its friction
+        direction = [
+            smooth_sign(s.motion.dq / per_radian)
+            * (np.ptp(s.motion.q, axis=0) >= STILL * per_radian)
+            for s in self.segments
+        ]
         share = self.rows([np.sqrt(1.0 - s**2) for s in direction])
         self.sticking = np.abs(friction / self.scale * share)
         hidden = self.sticking / noise
